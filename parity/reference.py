@@ -1,0 +1,326 @@
+"""A scene in the reference engine, built and played as the official class does.
+
+This is the project's only import of pymunk. Everything the official simulator sets (masses, moments, friction,
+order of insertion, order of removal) is set here in the same order, because the order in which a space receives its
+shapes decides the order in which contacts are solved.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+
+from iphyre_jax import Scene
+
+GRAVITY = (0.0, 100.0)  # px/s^2, y points down
+MASS = 1.0
+BAR_RADIUS = 10.0  # px
+FRICTION = 0.5
+ELASTICITY = 0.1
+SPRING_REST_LENGTH = 20.0  # px
+SPRING_STIFFNESS = 1.0
+SPRING_DAMPING = 0.3
+GOAL_Y = 600.0  # a game is solved when every ball's y is strictly greater after one and the same step
+
+VERSION = pymunk.version
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One play of a scene in the reference.
+
+    Attributes:
+        success: whether every ball was below the goal line after the last step.
+        steps: physics steps made, the solving one included.
+        eliminations: blocks removed by then.
+        samples: (K, N, 3) float64 x, y (px) and angle (rad) of every object at the start and after every
+            `sample_every` steps; NaN once an object is gone, the last pose repeated once the play is over.
+    """
+
+    success: bool
+    steps: int
+    eliminations: int
+    samples: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRecord:
+    """One touching pair of one step, as the reference solved it.
+
+    Attributes:
+        a: object index of the pair's first body, from which the normal points.
+        b: object index of the second.
+        normal: (2,) float64 unit vector from a to b.
+        r1: (points, 2) float64 contact points relative to the centre of a, px.
+        r2: (points, 2) float64 the same relative to the centre of b.
+        normal_mass: (points,) float64 effective mass along the normal.
+        tangent_mass: (points,) float64 effective mass along the tangent.
+        bounce: (points,) float64 restitution speed, px/s.
+        bias: (points,) float64 speed asked for to undo the overlap, px/s.
+        normal_impulse: (points,) float64 accumulated impulse after the last sweep.
+        tangent_impulse: (points,) float64 the same along the tangent.
+        bias_impulse: (points,) float64 the same of the position correction.
+        ids: the contact ids, which clash where two hashes agree.
+    """
+
+    a: int
+    b: int
+    normal: NDArray[np.float64]
+    r1: NDArray[np.float64]
+    r2: NDArray[np.float64]
+    normal_mass: NDArray[np.float64]
+    tangent_mass: NDArray[np.float64]
+    bounce: NDArray[np.float64]
+    bias: NDArray[np.float64]
+    normal_impulse: NDArray[np.float64]
+    tangent_impulse: NDArray[np.float64]
+    bias_impulse: NDArray[np.float64]
+    ids: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """Motion of all objects of a scene at one moment; NaN where an object is gone.
+
+    Attributes:
+        position: (N, 2) float64, px.
+        angle: (N,) float64, rad.
+        velocity: (N, 2) float64, px/s.
+        angular_velocity: (N,) float64, rad/s.
+    """
+
+    position: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    angular_velocity: NDArray[np.float64]
+
+
+class ReferenceWorld:
+    """A pymunk space that holds one scene.
+
+    Args:
+        scene: the scene; every object becomes one body with one shape.
+        resets: how often the space is filled, at least 1. The official class empties and refills one space at each
+            reset; shape ids keep counting, which moves the iteration order of its hash tables and the contact ids.
+
+    Raises:
+        ValueError: if `resets` is less than 1.
+    """
+
+    def __init__(self, scene: Scene, resets: int = 1) -> None:
+        if resets < 1:
+            raise ValueError(f"resets: expected an integer of at least 1, got {resets!r}")
+        self.scene = scene
+        self.space = pymunk.Space()
+        self.space.gravity = GRAVITY
+        self.bodies: list[pymunk.Body] = []
+        self.shapes: list[pymunk.Shape] = []
+        self.links: list[tuple[int, int, pymunk.Constraint]] = []
+        self.alive: list[bool] = []
+        for _ in range(resets):
+            self._empty()
+            self._fill()
+        self._moving = [i for i in range(scene.n_objects) if scene.dynamic[i]]
+        self._balls = self.bodies[scene.n_blocks :]
+
+    def _empty(self) -> None:
+        """Take everything out in the order of the official reset: shape and body of each object, then constraints."""
+        for shape, body in zip(self.shapes, self.bodies, strict=True):
+            self.space.remove(shape, body)
+        for _, _, constraint in self.links:
+            self.space.remove(constraint)
+
+    def _fill(self) -> None:
+        """Put in blocks in list order, balls, pin joints, springs."""
+        scene = self.scene
+        pairs = [_bar(scene.blocks[i], bool(scene.dynamic[i])) for i in range(scene.n_blocks)]
+        pairs += [_ball(ball) for ball in scene.balls]
+        for body, shape in pairs:
+            shape.friction = FRICTION
+            shape.elasticity = ELASTICITY
+            self.space.add(body, shape)
+        self.bodies = [body for body, _ in pairs]
+        self.shapes = [shape for _, shape in pairs]
+        self.alive = [True] * len(pairs)
+        self.links = []
+        for i, j in scene.joints:
+            self._link(i, j, pymunk.PinJoint(self.bodies[i], self.bodies[j]))
+        for i, j in scene.springs:
+            ends = (self.bodies[i], self.bodies[j], (0.0, 0.0), (0.0, 0.0))
+            self._link(i, j, pymunk.DampedSpring(*ends, SPRING_REST_LENGTH, SPRING_STIFFNESS, SPRING_DAMPING))
+
+    def _link(self, i: int, j: int, constraint: pymunk.Constraint) -> None:
+        self.space.add(constraint)
+        self.links.append((i, j, constraint))
+
+    def eliminate(self, index: int) -> None:
+        """Remove object `index`: shape, body, then its joints and springs, as the official class does."""
+        self.space.remove(self.shapes[index], self.bodies[index])
+        for link in [link for link in self.links if index in link[:2]]:
+            self.space.remove(link[2])
+            self.links.remove(link)
+        self.alive[index] = False
+
+    def solved(self) -> bool:
+        """Whether the centre of every ball is below the goal line now."""
+        return all(ball.position.y > GOAL_Y for ball in self._balls)
+
+    def read_moving(self, out: NDArray[np.float64]) -> None:
+        """Write x, y and angle of the moving objects into `out` (N, 3); other rows stay as they are."""
+        for i in self._moving:
+            body = self.bodies[i]
+            x, y = body.position
+            out[i] = x, y, body.angle
+
+    def poses(self) -> NDArray[np.float64]:
+        """x, y and angle of every object, (N, 3) float64, NaN where it is gone."""
+        out = np.full((len(self.bodies), 3), np.nan)
+        for i, body in enumerate(self.bodies):
+            if self.alive[i]:
+                out[i] = *body.position, body.angle
+        return out
+
+    def state(self) -> BodyState:
+        """Poses and velocities of every object now."""
+        poses = self.poses()
+        motion = np.full(poses.shape, np.nan)
+        for i, body in enumerate(self.bodies):
+            if self.alive[i]:
+                motion[i] = *body.velocity, body.angular_velocity
+        return BodyState(poses[:, :2], poses[:, 2], motion[:, :2], motion[:, 2])
+
+
+def _bar(ends: NDArray[np.float64], dynamic: bool) -> tuple[pymunk.Body, pymunk.Shape]:
+    """A block: a segment whose body sits at its midpoint, with the end points relative to it."""
+    (x1, y1), (x2, y2) = ends.tolist()
+    x, y = (x1 + x2) / 2, (y1 + y2) / 2
+    if dynamic:
+        # The official class gives every moving bar the moment of a segment without length, 66.67.
+        body = pymunk.Body(MASS, pymunk.moment_for_segment(MASS, (0, 0), (0, 0), BAR_RADIUS))
+    else:
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    body.position = x, y
+    return body, pymunk.Segment(body, (x1 - x, y1 - y), (x2 - x, y2 - y), BAR_RADIUS)
+
+
+def _ball(ball: NDArray[np.float64]) -> tuple[pymunk.Body, pymunk.Shape]:
+    x, y, radius = ball.tolist()
+    body = pymunk.Body(MASS, pymunk.moment_for_circle(MASS, 0, radius))
+    body.position = x, y
+    return body, pymunk.Circle(body, radius)
+
+
+def schedule(scene: Scene, eliminate_at: NDArray[np.integer[Any]]) -> dict[int, list[int]]:
+    """Objects to remove before each step, in column order.
+
+    Args:
+        scene: the scene; column s of a plan is its s-th eliminable block.
+        eliminate_at: (S,) integers, 0-based step before which a block goes, -1 for never.
+
+    Returns:
+        Object indices by step; steps without an elimination have no entry.
+    """
+    due: dict[int, list[int]] = {}
+    for column, step in enumerate(eliminate_at.tolist()):
+        if step >= 0:
+            due.setdefault(step, []).append(scene.eliminable_blocks[column])
+    return due
+
+
+def run(
+    scene: Scene,
+    eliminate_at: NDArray[np.integer[Any]],
+    *,
+    fps: int,
+    steps: int,
+    resets: int = 1,
+    sample_every: int = 1,
+) -> Trajectory:
+    """Play one plan in a space of its own, with the meaning `iphyre_jax.simulate` gives it.
+
+    Args:
+        scene: the scene to play.
+        eliminate_at: (S,) integers as for `iphyre_jax.simulate`.
+        fps: physics steps a second.
+        steps: the most steps to make; the play stops earlier with the step that solves it.
+        resets: see `ReferenceWorld`.
+        sample_every: steps between samples.
+
+    Returns:
+        The outcome with its samples, K = steps // sample_every + 1.
+    """
+    world = ReferenceWorld(scene, resets)
+    due = schedule(scene, eliminate_at)
+    samples = np.empty((steps // sample_every + 1, scene.n_objects, 3))
+    pose = world.poses()
+    samples[0] = pose
+    step_space, dt = world.space.step, 1.0 / fps
+    removed, made, solved = 0, 0, False
+    while made < steps and not solved:
+        for index in due.get(made, ()):
+            world.eliminate(index)
+            pose[index] = np.nan
+            removed += 1
+        step_space(dt)
+        made += 1
+        solved = world.solved()
+        if made % sample_every == 0 or solved:
+            world.read_moving(pose)
+            if made % sample_every == 0:
+                samples[made // sample_every] = pose
+    samples[made // sample_every + 1 :] = pose
+    return Trajectory(solved, made, removed, samples)
+
+
+class TracedWorld(ReferenceWorld):
+    """A reference world that records, step by step, how each touching pair was solved.
+
+    Args:
+        scene: see `ReferenceWorld`.
+        resets: see `ReferenceWorld`.
+    """
+
+    def __init__(self, scene: Scene, resets: int = 1) -> None:
+        super().__init__(scene, resets)
+        self._index = {body: i for i, body in enumerate(self.bodies)}
+        self._records: list[ContactRecord] = []
+        # The callback fires once a touching pair, in the order in which the pairs were found and solved.
+        self.space.on_collision(post_solve=self._record)
+
+    def _record(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: Any) -> None:
+        first, second = arbiter.bodies
+        raw = arbiter._arbiter  # contact records of the engine: public accessors show only sums and rounded points
+        points = [raw.contacts[k] for k in range(raw.count)]
+
+        def column(name: str) -> NDArray[np.float64]:
+            return np.array([getattr(point, name) for point in points], dtype=np.float64)
+
+        self._records.append(
+            ContactRecord(
+                a=self._index[first],
+                b=self._index[second],
+                normal=np.array([raw.n.x, raw.n.y]),
+                r1=np.array([[point.r1.x, point.r1.y] for point in points]),
+                r2=np.array([[point.r2.x, point.r2.y] for point in points]),
+                normal_mass=column("nMass"),
+                tangent_mass=column("tMass"),
+                bounce=column("bounce"),
+                bias=column("bias"),
+                normal_impulse=column("jnAcc"),
+                tangent_impulse=column("jtAcc"),
+                bias_impulse=column("jBias"),
+                ids=tuple(int(point.hash) for point in points),
+            )
+        )
+
+    def step(self, dt: float) -> list[ContactRecord]:
+        """Make one step and return its touching pairs in the order in which they were solved."""
+        self._records = []
+        self.space.step(dt)
+        return self._records
+
+    def constraint_impulses(self) -> NDArray[np.float64]:
+        """Impulse of each remaining joint and spring in the last step, (constraints,) float64, in scene order."""
+        return np.array([constraint.impulse for _, _, constraint in self.links])
