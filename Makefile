@@ -1,0 +1,47 @@
+# Every target makes .venv by itself; nothing but Python 3.11 or later with pip and venv is needed.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+PY := .venv/bin/python
+WHEEL_VENV := build/wheel-venv
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help venv run test lint parity wheel bench clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 16
+
+venv: .venv/.stamp ## make .venv with everything that the other targets need
+
+# `venv` is run on an existing folder too: it completes one whose making was interrupted.
+.venv/.stamp: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+run: .venv/.stamp ## train the plan-in-advance agent on the basic split and evaluate it on all 40 games
+	.venv/bin/iphyre-jax train
+
+test: lint ## lint, types and the whole test suite
+	$(PY) -m pytest -n 2 --dist worksteal
+
+lint: .venv/.stamp ## ruff and mypy only
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+parity: .venv/.stamp ## compare every game with pymunk, over whole runs
+	$(PY) -m parity
+
+wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras
+	rm -rf dist $(WHEEL_VENV)
+	$(PY) -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	$(PYTHON) -m venv $(WHEEL_VENV)
+	$(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
+	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
+
+bench: .venv/.stamp ## measure throughput and compile times
+	$(PY) -m benchmarks
+
+clean: ## remove .venv and everything built; run folders stay
+	rm -rf .venv build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,56 @@
+"""I-PHYRE in JAX: forty games of interactive physical reasoning, in a batched simulator that agrees with pymunk.
+
+Everything public is named here and imported on first use, so that `import iphyre_jax` is quick, needs nothing beyond
+jax and numpy, starts no JAX backend and sets no global flag.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from iphyre_jax.plans import plan_to_steps
+    from iphyre_jax.rollouts import rollout
+    from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
+    from iphyre_jax.simulation import Simulation, simulate, simulate_many
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "GAMES",
+    "SPLITS",
+    "Scene",
+    "Simulation",
+    "__version__",
+    "load_scene",
+    "plan_to_steps",
+    "rollout",
+    "simulate",
+    "simulate_many",
+]
+
+# No module may bear the name of something exported here: importing the module would put it in the function's place.
+_HOME = {
+    "GAMES": "scenes",
+    "SPLITS": "scenes",
+    "Scene": "scenes",
+    "load_scene": "scenes",
+    "Simulation": "simulation",
+    "simulate": "simulation",
+    "simulate_many": "simulation",
+    "plan_to_steps": "plans",
+    "rollout": "rollouts",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name from its module on first use (PEP 562) and keep it."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List what is public, imported yet or not."""
+    return sorted({*globals(), *__all__})
