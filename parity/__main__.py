@@ -1,0 +1,122 @@
+"""``python -m parity``: compare the solver with the reference on random plans and print the tables."""
+
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+import iphyre_jax
+from parity.plans import PlanSet
+from parity.play import DURATION, GameResult, Task, compare_games
+from parity.report import LEGEND, circumstances, save, screen_table, sections, verdict_line
+
+REPORT_WIDTH = 110  # columns, where the output is not a terminal
+
+Rate = Literal[60, 10]
+Dtype = Literal["float64", "float32"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Compare the solver with pymunk: games x random plans x frame rates x types.
+
+    Attributes:
+        games: the games to compare; all forty if none is named.
+        unseen: compare the ten unseen basic layouts instead of the forty games.
+        scene: scene files to compare instead of games.
+        plans: random plans a game.
+        plan_set: "early": removal times in (0, 6) s; "late": in [0, 10) s, the first step included.
+        fps: frame rates; each has tables of its own.
+        dtype: types to run ours in.
+        resets: number of the reset to play in; the official learning environments play in the second.
+        seed: seed of the plans.
+        duration: seconds a play lasts.
+        workers: processes that share the games.
+        out: folder for the JSON and the Markdown report.
+        name: their file name without its ending.
+    """
+
+    games: tuple[str, ...] = ()
+    unseen: bool = False
+    scene: tuple[Path, ...] = ()
+    plans: int = 50
+    plan_set: PlanSet = "early"
+    fps: tuple[Rate, ...] = (60, 10)
+    dtype: tuple[Dtype, ...] = ("float64", "float32")
+    resets: int = 1
+    seed: int = 0
+    duration: float = DURATION
+    workers: int = 2
+    out: Path = field(default_factory=lambda: Path("parity") / "results")
+    name: str = "parity"
+
+
+def scenes(options: Options) -> list[str]:
+    """The games' names and files that the options ask for."""
+    asked = [*options.games, *map(str, options.scene)]
+    if options.unseen:
+        asked += iphyre_jax.SPLITS["unseen_basic"]
+    return asked or list(iphyre_jax.GAMES)
+
+
+def check(options: Options) -> None:
+    """Refuse what no comparison can be made of.
+
+    Raises:
+        ValueError: naming the option and what was expected.
+    """
+    for name, least in (("plans", 1), ("resets", 1), ("workers", 1), ("seed", 0)):
+        if getattr(options, name) < least:
+            raise ValueError(f"--{name}: expected an integer of at least {least}, got {getattr(options, name)}")
+    for scene in scenes(options):
+        iphyre_jax.load_scene(scene)
+
+
+def compare(options: Options, console: Console) -> list[GameResult]:
+    """Run the comparison with a progress bar; the results come in the order of the games."""
+    o = options
+    tasks = [Task(s, o.plans, o.fps, o.dtype, o.resets, o.seed, o.plan_set, o.duration) for s in scenes(o)]
+    found: dict[int, list[GameResult]] = {}
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        bar = progress.add_task("games", total=len(tasks))
+        for index, results in compare_games(tasks, min(o.workers, len(tasks))):
+            found[index] = results
+            progress.update(bar, advance=1, description=results[0].game)
+    return [result for index in sorted(found) for result in found[index]]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the comparison, print and save it; 0 if every target is reached, 1 if not, 2 for bad options."""
+    options = tyro.cli(Options, args=arguments, prog="python -m parity")
+    console = Console(width=None if sys.stdout.isatty() else REPORT_WIDTH)
+    try:
+        check(options)
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    results = compare(options, console)
+    made = sections(results)
+    around = circumstances({name: _plain(value) for name, value in asdict(options).items()})
+    save(options.out, options.name, made, results, around)
+    for section in made:
+        console.print(screen_table(section))
+    console.print(LEGEND, highlight=False)
+    for section in made:
+        console.print(verdict_line(section), highlight=False, soft_wrap=True)
+    console.print(f"saved as {options.out / options.name}.json and .md", highlight=False, soft_wrap=True)
+    return int(any(section.missed for section in made))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, tuple):
+        return [_plain(inner) for inner in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
