@@ -1,0 +1,22 @@
+"""Scenes: the games of the package and scene files from outside, validated."""
+
+from iphyre_jax.scenes.convert import SCENE_SCHEMA, SCENE_VERSION, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.files import read_scene, write_scene
+from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
+from iphyre_jax.scenes.load import GAMES, SPLITS, load_scene
+from iphyre_jax.scenes.schema import Scene
+
+__all__ = [
+    "GAMES",
+    "MAX_ELIMINABLE",
+    "MAX_OBJECTS",
+    "SCENE_SCHEMA",
+    "SCENE_VERSION",
+    "SPLITS",
+    "Scene",
+    "load_scene",
+    "read_scene",
+    "scene_from_dict",
+    "scene_to_dict",
+    "write_scene",
+]

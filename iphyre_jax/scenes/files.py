@@ -1,0 +1,124 @@
+"""Scene files: strict JSON from disk, with every way to fail told in one line that names the file."""
+
+import json
+import os
+from pathlib import Path
+from typing import Final, NoReturn
+
+from iphyre_jax.scenes.convert import scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.limits import MAX_FILE_BYTES
+from iphyre_jax.scenes.messages import one_line, show
+from iphyre_jax.scenes.schema import Scene
+
+_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
+
+
+def read_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read and validate a scene file (see `iphyre_jax.scenes.convert` for its form).
+
+    Args:
+        path: the file.
+
+    Returns:
+        The scene.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        OSError: it cannot be read, or is a folder or a device.
+        ValueError: its contents are wrong; one line for each wrong field.
+    """
+    source = str(path)
+    return scene_from_dict(parse_json(_read_bytes(Path(path)), source), source)
+
+
+def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write a scene file that `read_scene` reads back to an equal scene; a file that stands there is replaced whole.
+
+    Args:
+        scene: any scene.
+        path: where to; its folder must exist.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
+    target = Path(path)
+    part = target.with_name(f"{target.name}.{os.getpid()}.part")
+    try:
+        part.write_text(f"{{\n{fields}\n}}\n", encoding="utf-8")
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def parse_json(content: bytes, source: str) -> object:
+    """Parse strict JSON: UTF-8 without byte order mark, no key twice in an object.
+
+    NaN and Infinity pass here, so that validation can name the field they stand in.
+
+    Args:
+        content: the bytes of the file.
+        source: the file that a message names.
+
+    Returns:
+        The parsed value.
+
+    Raises:
+        ValueError: it is not such JSON; one line.
+    """
+    name = one_line(source)
+
+    def object_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        found: dict[str, object] = {}
+        for key, value in pairs:
+            if key in found:
+                raise _RepeatedKeyError(f"{name}: {show(key)}: expected this field once, got it again")
+            found[key] = value
+        return found
+
+    if len(content) > MAX_FILE_BYTES:
+        raise ValueError(f"{name}: expected at most {MAX_FILE_BYTES} bytes, got more")
+    if content.startswith(_BYTE_ORDER_MARK):
+        raise ValueError(f"{name}: expected UTF-8 text without a byte order mark")
+    try:
+        return json.loads(content.decode("utf-8"), object_pairs_hook=object_once)
+    except _RepeatedKeyError:
+        raise
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{name}: expected UTF-8 text, got another byte at offset {error.start}") from None
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise ValueError(f"{name}: expected JSON, got an error at {where}: {error.msg}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: expected JSON of a few levels, got too many nested in each other") from None
+    except ValueError:  # an integer of more digits than Python converts
+        raise ValueError(f"{name}: expected numbers of ordinary length, got one of thousands of digits") from None
+
+
+class _RepeatedKeyError(ValueError):
+    """An object of the file has a key twice."""
+
+
+def _read_bytes(path: Path) -> bytes:
+    """Read a regular file, not more than a byte beyond the allowed size."""
+    name = one_line(str(path))
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(f"{name}: expected a scene file, got a folder")
+        if path.exists() and not path.is_file():
+            raise OSError(f"{name}: expected a scene file, got a device, pipe or socket")
+        with path.open("rb") as file:
+            return file.read(MAX_FILE_BYTES + 1)
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{name}: expected a scene file, but there is none") from None
+    except OSError as error:
+        _tell_unreadable(name, error)
+    except ValueError:
+        raise ValueError(f"{name}: expected the path of a scene file, got a text with a null byte") from None
+
+
+def _tell_unreadable(name: str, error: OSError) -> NoReturn:
+    """Pass on an error of the operating system in one line; one that already names the file stays as it is."""
+    if error.errno is None:
+        raise error
+    raise type(error)(f"{name}: expected a scene file that can be read, got: {error.strerror}") from None

@@ -1,0 +1,106 @@
+"""The rules of a valid scene; each wrong field is told in one line that names it and says what was expected.
+
+The rules come in layers (forms, sizes, flags, pairs). A layer is looked at only if those before it found nothing, so
+that one mistake is told once, where it stands, and later rules may rely on earlier ones.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from iphyre_jax.scenes.forms import OPTIONAL, REQUIRED, Draft, Pair, read_draft
+from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS, MIN_LENGTH
+from iphyre_jax.scenes.messages import refuse
+
+Labels = Mapping[str, str]
+
+FILE_LABELS: Final[Labels] = {key: key for key in REQUIRED + OPTIONAL}
+"""The fields of a scene file go by their own names."""
+
+
+def check_scene(raw: Mapping[str, object], source: str, labels: Labels = FILE_LABELS) -> Draft:
+    """Validate a scene in full.
+
+    Args:
+        raw: `name`, `block`, `ball`, `eli`, `dynamic` and, if there are any, `joint` and `spring`, as plain numbers,
+            text and lists.
+        source: the file or argument that a message names.
+        labels: the name to tell each field by.
+
+    Returns:
+        The scene's fields, in their form and sound.
+
+    Raises:
+        ValueError: fields are wrong; one line for each, "source: field: expected ..., got ...".
+    """
+    draft, problems = read_draft(raw, labels)
+    for rules in (_sizes, _flags, _pairs):
+        refuse(source, problems)
+        problems = list(rules(draft, labels))
+    refuse(source, problems)
+    return draft
+
+
+def _sizes(draft: Draft, labels: Labels) -> Iterator[str]:
+    """Count the objects and measure each."""
+    bars, balls = len(draft.bars), len(draft.balls)
+    if not balls:
+        yield f"{labels['ball']}: expected at least one ball, got none"
+    if bars + balls > MAX_OBJECTS:
+        yield f"{labels['block']}: expected at most {MAX_OBJECTS} objects, got {bars} blocks and {balls} balls"
+    for key, flags in (("eli", draft.eliminable), ("dynamic", draft.dynamic)):
+        if len(flags) != bars + balls:
+            wanted = f"{bars + balls} entries (one for each of {bars} blocks and {balls} balls)"
+            yield f"{labels[key]}: expected {wanted}, got {len(flags)}"
+    for i, (start, end) in enumerate(draft.bars):
+        if (length := math.dist(start, end)) < MIN_LENGTH:
+            yield f"{labels['block']}[{i}]: expected end points at least {MIN_LENGTH:g} px apart, got {length:g} px"
+    for i, (_, _, radius) in enumerate(draft.balls):
+        if radius < MIN_LENGTH:
+            yield f"{labels['ball']}[{i}][2]: expected a radius of at least {MIN_LENGTH:g} px, got {radius:g}"
+
+
+def _flags(draft: Draft, labels: Labels) -> Iterator[str]:
+    """See that balls move and stay in the game, and that only resting bars, and not too many, can be eliminated."""
+    for i, (eliminable, dynamic) in enumerate(zip(draft.eliminable, draft.dynamic, strict=True)):
+        is_ball = i >= len(draft.bars)
+        if is_ball and eliminable:
+            yield f"{labels['eli']}[{i}]: expected 0 (object {i} is a ball, which cannot be eliminated), got 1"
+        if is_ball and not dynamic:
+            yield f"{labels['dynamic']}[{i}]: expected 1 (object {i} is a ball, which always moves), got 0"
+        if eliminable and dynamic and not is_ball:
+            yield f"{labels['eli']}[{i}]: expected 0 (block {i} is dynamic; only a static one can be eliminated), got 1"
+    if (count := sum(draft.eliminable)) > MAX_ELIMINABLE:
+        yield f"{labels['eli']}: expected at most {MAX_ELIMINABLE} eliminable blocks, got {count}"
+
+
+def _pairs(draft: Draft, labels: Labels) -> Iterator[str]:
+    """See that every joint and spring holds two different bodies of which one can move, and that no pair recurs."""
+    for key, pairs in (("joint", draft.joints), ("spring", draft.springs)):
+        label = labels[key]
+        first: dict[frozenset[int], int] = {}
+        for i, pair in enumerate(pairs):
+            problem = _pair_problem(draft, pair, is_pin=key == "joint")
+            if problem:
+                yield f"{label}[{i}]{problem}"
+            elif frozenset(pair) in first:
+                yield f"{label}[{i}]: expected each pair once, got that of {label}[{first[frozenset(pair)]}] again"
+            else:
+                first[frozenset(pair)] = i
+
+
+def _pair_problem(draft: Draft, pair: Pair, is_pin: bool) -> str:
+    """Say what is wrong with one pair: the index within it, if any, and the rest of the line; empty if it is sound."""
+    last = len(draft.dynamic) - 1
+    for i, index in enumerate(pair):
+        if not 0 <= index <= last:
+            return f"[{i}]: expected an object index from 0 to {last}, got {index}"
+    a, b = pair
+    if a == b:
+        return f": expected two different objects, got {a} twice"
+    if not (draft.dynamic[a] or draft.dynamic[b]):
+        return f": expected at least one object that moves, got the static blocks {a} and {b}"
+    if is_pin and (apart := math.dist(draft.centre(a), draft.centre(b))) < MIN_LENGTH:
+        # The direction of a pin joint is that from centre to centre.
+        return f": expected two centres at least {MIN_LENGTH:g} px apart, got {apart:g} px between {a} and {b}"
+    return ""
