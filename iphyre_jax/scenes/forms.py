@@ -108,6 +108,9 @@ class _Reader:
         if len(value) > most:
             self.tell(label, f"at most {most} entries", value)
             return []
+        if read != self.flag and value and not any(isinstance(entry, (list, tuple)) for entry in value):
+            self.tell(label, f"a list of {form}", value)  # most likely one row without its outer list: one mistake
+            return []
         return [read(f"{label}[{i}]", entry) for i, entry in enumerate(value)]
 
     def bar(self, label: str, value: object) -> Bar:

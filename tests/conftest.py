@@ -1,0 +1,9 @@
+"""What holds for every test: the CPU, and arrays of different rank never meet unsaid."""
+
+import os
+
+os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
+
+import jax
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
