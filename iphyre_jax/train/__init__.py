@@ -1,0 +1,1 @@
+"""Learning to play: configuration, networks, PPO, evaluation and run folders. Needs the extra `train`."""

@@ -1,0 +1,148 @@
+"""The settings of a training run, all of them, with their meaning."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from iphyre_jax.env import OFFICIAL_FPS, OFFICIAL_RESETS
+from iphyre_jax.reward import whole_fps
+from iphyre_jax.scenes import SPLITS
+
+HeadName = Literal["slots", "gaussian"]
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run of PPO in advance. The defaults learn the basic split at 10 steps a second."""
+
+    seed: int = 0
+    """Of everything random: initial weights, sampled plans, minibatches, evaluation."""
+
+    split: str = "basic"
+    """The split that is trained on; every game of it is played equally often."""
+
+    fps: int = OFFICIAL_FPS
+    """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
+
+    resets: int = OFFICIAL_RESETS
+    """Number of the reset of a reused space; the official environment plays in the second."""
+
+    dtype: Literal["float32", "float64"] = "float32"
+    """Of the physics. The network is float32."""
+
+    head: HeadName = "slots"
+    """Action head. "slots": a categorical over the official 0.1 s slots of each block, slot 0 being "never".
+    "gaussian": a normal for each block, clipped to the action box, as in the paper."""
+
+    hidden: tuple[int, ...] = (256, 256)
+    """Widths of the hidden layers (tanh)."""
+
+    updates: int = 200
+    """Rounds of playing and learning."""
+
+    plans_per_scene: int = 128
+    """Plans that are sampled for each game in a round; the advantage compares them with one another."""
+
+    epochs: int = 4
+    """Passes over a round's plans."""
+
+    minibatches: int = 4
+    """Gradient steps in a pass."""
+
+    learning_rate: float = 1e-3
+    """Of Adam at the start; falls linearly to 0 over the run."""
+
+    max_grad_norm: float = 1.0
+    """Gradients are scaled down to at most this global norm."""
+
+    clip: float = 0.2
+    """PPO: how far the probability ratio may leave 1 before its gradient stops."""
+
+    entropy: float = 0.01
+    """Weight of the entropy bonus (nats per slot) at the start; falls linearly to 0 over the run."""
+
+    std_floor: float = 30.0
+    """Advantage = (reward - mean) / (standard deviation + this), within the plans of one scene. The floor keeps a
+    scene whose plans differ by a few points from counting as much as one where success is at stake."""
+
+    sampled_plans: int = 20
+    """Plans per game when the trained policy is evaluated with sampled actions."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work, in one line.
+
+        Raises:
+            ValueError: naming the field and what was expected.
+        """
+        if self.split not in SPLITS:
+            raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {self.split!r}")
+        if whole_fps(self.fps) % 10:
+            raise ValueError(f"fps: expected a multiple of 10, got {self.fps}")
+        if self.dtype not in ("float32", "float64"):
+            raise ValueError(f"dtype: expected float32 or float64, got {self.dtype!r}")
+        if self.head not in ("slots", "gaussian"):
+            raise ValueError(f"head: expected slots or gaussian, got {self.head!r}")
+        for name in ("resets", "updates", "epochs", "minibatches", "sampled_plans"):
+            _require(self, name, getattr(self, name) >= 1, "at least 1")
+        _require(self, "plans_per_scene", self.plans_per_scene >= 2, "at least 2")
+        _require(self, "seed", 0 <= self.seed < 2**31, "from 0 to 2**31 - 1")
+        _require(self, "hidden", len(self.hidden) > 0 and min(self.hidden) >= 1, "at least one positive width")
+        for name in ("learning_rate", "max_grad_norm", "clip", "std_floor"):
+            _require(self, name, 0 < getattr(self, name) < float("inf"), "a positive number")
+        _require(self, "entropy", 0 <= self.entropy < float("inf"), "a number not below 0")
+        episodes = len(self.games) * self.plans_per_scene
+        _require(self, "minibatches", episodes % self.minibatches == 0, f"a divisor of {episodes} plans a round")
+
+    @property
+    def games(self) -> tuple[str, ...]:
+        """The games that are trained on."""
+        return SPLITS[self.split]
+
+    @property
+    def episodes_per_update(self) -> int:
+        """Episodes played in a round."""
+        return len(self.games) * self.plans_per_scene
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings as JSON values."""
+        return dataclasses.asdict(self)
+
+
+def _require(config: TrainConfig, name: str, holds: bool, expected: str) -> None:
+    """Raise the one-line error of a field unless its condition holds."""
+    if not holds:
+        raise ValueError(f"{name}: expected {expected}, got {getattr(config, name)!r}")
+
+
+def config_from_json(values: object, source: str | Path) -> TrainConfig:
+    """The settings that `TrainConfig.to_json` wrote.
+
+    Raises:
+        ValueError: one line naming `source` and the field.
+    """
+    if not isinstance(values, dict):
+        raise ValueError(f"{source}: expected an object of settings, got {type(values).__name__}")
+    known = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
+    for name, value in values.items():
+        if name not in known:
+            raise ValueError(f"{source}: unknown setting {name!r}")
+        if not _same_kind(value, known[name]):
+            raise ValueError(f"{source}: {name}: expected a value like {known[name]!r}, got {value!r}")
+    if "hidden" in values:
+        values = {**values, "hidden": tuple(values["hidden"])}
+    try:
+        return TrainConfig(**values)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+
+
+def _same_kind(value: object, default: object) -> bool:
+    """Whether a JSON value may stand for a field with this default."""
+    if isinstance(default, tuple):
+        return isinstance(value, list) and all(type(item) is int for item in value)
+    if isinstance(default, float):
+        return type(value) in (int, float)
+    return type(value) is type(default)
