@@ -1,0 +1,128 @@
+"""Imports point one way, and importing the package costs nothing."""
+
+import ast
+import importlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.metadata import requires
+from pathlib import Path
+
+import pytest
+
+import iphyre_jax
+
+PACKAGE = Path(iphyre_jax.__file__).parent
+
+# Every part may import those before it, never one after it. A new part takes its place here.
+PARTS = (
+    "physics",
+    "scenes",
+    "rollouts",
+    "reward",
+    "plans",
+    "observe",
+    "simulation",
+    "env",
+    "train",
+    "cli",
+)
+STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
+ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "msgspec", "matplotlib", "rich", "tyro"}
+ABOVE_THE_CORE = {"train", "cli"}
+
+
+def modules() -> list[tuple[str, Path]]:
+    """Every file of the package with the part it belongs to; the package's own __init__ belongs to none."""
+    files = sorted(PACKAGE.rglob("*.py"))
+    return [
+        (file.relative_to(PACKAGE).parts[0].removesuffix(".py"), file) for file in files if file.parent != PACKAGE
+    ] + [(file.stem, file) for file in files if file.parent == PACKAGE and file.stem != "__init__"]
+
+
+def imports(file: Path) -> Iterator[str]:
+    """The full names that a file imports, wherever in it."""
+    package = ["iphyre_jax", *file.relative_to(PACKAGE).parent.parts]
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            yield from (".".join([*base, *filter(None, [node.module]), alias.name]) for alias in node.names)
+
+
+@pytest.mark.parametrize(("part", "file"), [pytest.param(p, f, id=str(f.relative_to(PACKAGE))) for p, f in modules()])
+def test_imports_point_one_way(part: str, file: Path) -> None:
+    assert part in PARTS, f"{part} has no place in PARTS yet"
+    allowed = {*PARTS[: PARTS.index(part) + 1], "__version__"}
+    for name in imports(file):
+        top, *rest = name.split(".")
+        assert top not in STRANGERS, f"{file.name} imports {name}"
+        assert top not in ONLY_ABOVE_THE_CORE or part in ABOVE_THE_CORE, f"{file.name} imports {name}"
+        if top == "iphyre_jax" and rest:
+            assert rest[0] in allowed, f"{file.name} imports {name}, which stands above {part}"
+
+
+def test_every_part_is_there() -> None:
+    assert {part for part, _ in modules()} == set(PARTS)
+
+
+IMPORT_COSTS_NOTHING = """
+import sys
+import jax, numpy
+flags = {name: getattr(jax.config, name) for name in jax.config.values}
+before = set(sys.modules)
+import iphyre_jax
+iphyre_jax.load_scene("support")
+iphyre_jax.simulate, iphyre_jax.rollout, iphyre_jax.plan_to_steps
+from jax._src import xla_bridge
+assert not xla_bridge._backends, "a backend was started"
+assert flags == {name: getattr(jax.config, name) for name in jax.config.values}, "a flag was changed"
+print(*sorted({name.partition(".")[0] for name in set(sys.modules) - before} - sys.stdlib_module_names))
+"""
+
+
+def run_python(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_import_needs_jax_and_numpy_only_and_sets_nothing() -> None:
+    found = set(run_python("-c", IMPORT_COSTS_NOTHING).split())
+    assert "iphyre_jax" in found
+    assert found <= {"iphyre_jax", "jax", "jaxlib", "numpy", "ml_dtypes", "opt_einsum"}
+
+
+def test_import_alone_does_not_even_import_jax() -> None:
+    loaded = run_python("-c", "import sys, iphyre_jax; print('jax' in sys.modules, 'numpy' in sys.modules)")
+    assert loaded.split() == ["False", "False"]
+
+
+def test_core_requirements_are_jax_and_numpy() -> None:
+    core = [requirement for requirement in requires("iphyre-jax") or [] if "extra ==" not in requirement]
+    assert sorted(requirement.partition(">=")[0] for requirement in core) == ["jax", "numpy"]
+
+
+@pytest.mark.parametrize("name", sorted(set(iphyre_jax.__all__)))
+def test_public_names_are_what_they_say(name: str) -> None:
+    for module in sorted(set(iphyre_jax._HOME.values())):
+        importlib.import_module(f"iphyre_jax.{module}")  # must not put a module in a function's place
+    value = getattr(iphyre_jax, name)
+    assert name in dir(iphyre_jax)
+    if name not in ("GAMES", "SPLITS", "__version__"):
+        assert callable(value)
+        assert value.__name__ == name
+
+
+def test_no_module_bears_the_name_of_an_export() -> None:
+    assert set(iphyre_jax.__all__).isdisjoint({part for part, _ in modules()})
+
+
+def test_every_export_has_a_home() -> None:
+    assert set(iphyre_jax.__all__) == {*iphyre_jax._HOME, "__version__"}
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match=r"^module 'iphyre_jax' has no attribute 'nothing'$"):
+        _ = iphyre_jax.nothing
