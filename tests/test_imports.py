@@ -26,6 +26,7 @@ PARTS = (
     "env",
     "train",
     "cli",
+    "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "msgspec", "matplotlib", "rich", "tyro"}
