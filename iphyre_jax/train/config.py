@@ -71,11 +71,11 @@ class TrainConfig:
     sampled_plans: int = 20
     """Plans per game when the trained policy is evaluated with sampled actions."""
 
-    def __post_init__(self) -> None:
-        """Refuse what cannot work, in one line.
+    def check(self) -> None:
+        """Refuse what cannot work; every door by which settings come in calls this.
 
         Raises:
-            ValueError: naming the field and what was expected.
+            ValueError: one line naming the field and what was expected.
         """
         if self.split not in SPLITS:
             raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {self.split!r}")
@@ -133,10 +133,12 @@ def config_from_json(values: object, source: str | Path) -> TrainConfig:
             raise ValueError(f"{source}: {name}: expected a value like {known[name]!r}, got {value!r}")
     if "hidden" in values:
         values = {**values, "hidden": tuple(values["hidden"])}
+    config = TrainConfig(**values)
     try:
-        return TrainConfig(**values)
+        config.check()
     except ValueError as error:
         raise ValueError(f"{source}: {error}") from None
+    return config
 
 
 def _same_kind(value: object, default: object) -> bool:

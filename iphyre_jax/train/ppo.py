@@ -77,7 +77,12 @@ def optimiser(config: TrainConfig) -> optax.GradientTransformation:
 
 
 def init(config: TrainConfig) -> TrainState:
-    """The state before the first round."""
+    """The state before the first round.
+
+    Raises:
+        ValueError: one line; a setting cannot work.
+    """
+    config.check()
     params_key, key = jax.random.split(jax.random.key(config.seed))
     params = network(config).init(params_key, jnp.zeros((1, OBSERVATION_SIZE), jnp.float32))
     return TrainState(params, optimiser(config).init(params), key, jnp.zeros((), jnp.int32))

@@ -1,0 +1,44 @@
+"""The command `iphyre-jax`: arguments in, exit code out, one line for every error."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+ERROR = 2  # exit code
+INTERRUPTED = 130  # exit code of a command that was ended with Ctrl-C
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit.
+
+    Args:
+        arguments: in place of those of the process.
+    """
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code.
+
+    0 if all went well, 2 with one line on the standard error for a mistake of the caller, 130 for
+    a run that was ended with Ctrl-C.
+    """
+    try:
+        commands = importlib.import_module("iphyre_jax.commands")
+        return int(commands.run(arguments))
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "iphyre_jax":
+            raise
+        return _fail(f"this command needs the extra 'train' ({error.name} is missing): pip install 'iphyre-jax[train]'")
+    except (ValueError, OSError) as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _fail(message: str) -> int:
+    """Say what is wrong on the standard error."""
+    print(f"iphyre-jax: {message}", file=sys.stderr)
+    return ERROR

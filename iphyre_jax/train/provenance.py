@@ -1,0 +1,57 @@
+"""Where a result comes from: versions, device, commit."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jax
+
+import iphyre_jax
+
+PACKAGES = ("jax", "jaxlib", "numpy", "flax", "optax", "orbax-checkpoint")
+
+
+def provenance() -> dict[str, Any]:
+    """Versions, device, processors and commit, as JSON values; it goes into every result."""
+    device = jax.devices()[0]
+    versions = {name: metadata.version(name) for name in PACKAGES}
+    return {
+        "versions": {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **versions},
+        "device": f"{device.platform}: {device.device_kind}",
+        "machine": f"{platform.system()} {platform.machine()}, {usable_cores()} cores",
+        "commit": source_commit(),
+    }
+
+
+def usable_cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def source_commit() -> str | None:
+    """Commit of the checkout that this package is imported from, with "+changes" if it was edited since.
+
+    None for a package that was installed, even if it was installed somewhere inside another checkout.
+    """
+    source = Path(iphyre_jax.__file__)
+    if _git(source, "ls-files", "--error-unmatch", source.name) is None:
+        return None
+    commit = _git(source, "rev-parse", "HEAD")
+    changes = _git(source, "status", "--porcelain", "--untracked-files=no", "--", ".")
+    return f"{commit}+changes" if commit and changes else commit
+
+
+def _git(source: Path, *arguments: str) -> str | None:
+    """What git prints, run beside `source`; None if there is no git or it refuses."""
+    git = shutil.which("git")
+    if git is None:
+        return None
+    command = [git, "-C", str(source.parent), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own arguments
+    return done.stdout.strip() if done.returncode == 0 else None
