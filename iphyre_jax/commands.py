@@ -96,6 +96,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _train(command: Train, console: Console) -> int:
     """`iphyre-jax train`."""
     config = command.config
+    config.check()
     folder = command.out or runs.default_path(config)
     console.print(f"Run folder: {folder}")
     outcome = loop.train(config, folder, console)
@@ -134,6 +135,7 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
     for row in split_rows(evaluation, config):
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
     console.print(table)
+    console.print("The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps.")
     if "unseen_basic" in evaluation.splits:
         for kind in ("greedy", "sampled"):
             score = evaluation.mean(kind, "unseen_basic")

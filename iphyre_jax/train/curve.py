@@ -34,9 +34,10 @@ def draw_curve(
         axes.plot(*zip(*greedy, strict=True), color="tab:orange", marker="o", markersize=3, label="greedy plans")
     reference = paper_numbers()["agents"]
     if config.split in reference["PPO-I"]:
-        for name, style in (("PPO-I", "--"), ("Human", ":")):
+        for name, rate, style in (("PPO-I", 10, "--"), ("Human", 60, ":")):
             reward = reference[name][config.split][0]
-            axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=f"paper: {name}, {reward:.1f}")
+            label = f"paper: {name} ({rate} fps), {reward:.1f}"
+            axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=label)
     axes.set(xlabel="episodes", ylabel=f"mean reward, {TITLES[config.split]} split", title=agent_name(config))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")

@@ -175,5 +175,10 @@ def _minibatch_step(
     params, optimiser_state = carry
     gradient, metrics = jax.grad(loss, has_aux=True)(params, config, minibatch, entropy_weight)
     changes, optimiser_state = optimiser(config).update(gradient, optimiser_state, params)
-    metrics = metrics._replace(grad_norm=optax.global_norm(gradient))
+    metrics = metrics._replace(grad_norm=_norm(gradient))
     return (optax.apply_updates(params, changes), optimiser_state), metrics
+
+
+def _norm(tree: Params) -> jax.Array:
+    """() Euclidean norm of all numbers of a tree of arrays."""
+    return jnp.sqrt(sum((jnp.square(leaf).sum() for leaf in jax.tree.leaves(tree)), jnp.zeros(())))

@@ -53,7 +53,7 @@ def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
                 cells.append(_cell(score.reward, 100 * score.success))
             else:
                 cells.append("-")
-        yield Row(f"this run, {kind}", tuple(cells), True)
+        yield Row(f"ours, {kind}", tuple(cells), True)
     for name, by_split in paper_numbers()["agents"].items():
         yield Row(f"paper: {name}", tuple(_cell(*by_split[split]) for split in COLUMNS), False)
 
@@ -92,8 +92,8 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
         _markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),
         "## By split: reward and success",
         _markdown_table(["", *(TITLES[split] for split in COLUMNS)], by_split),
-        f"Paper: {paper['source']}. Protocol there: {paper['protocol']}. Rates must not be mixed: "
-        f"this run plays at {config.fps} fps.",
+        f"Paper: {paper['source']}. Protocol there: {paper['protocol']}. Ours: {config.fps} fps; rewards at different "
+        "rates are not comparable.",
         "## By game",
         _game_table(evaluation),
     ]
