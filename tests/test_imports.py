@@ -22,6 +22,7 @@ PARTS = (
     "reward",
     "plans",
     "observe",
+    "programs",
     "simulation",
     "env",
     "train",

@@ -1,0 +1,253 @@
+"""The reference's broad phase, reduced to what it decides: the order in which touching pairs are solved.
+
+The reference keeps moving shapes in a tree of fat boxes and every pair of overlapping boxes in linked lists that are
+only rebuilt when a shape leaves its fat box. The visiting order follows from three facts a body: its place in the tree
+(path bits), whether it was re-inserted in this step, and when each of its pairs was last inserted (counters).
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.constants import FAT_MARGIN
+from iphyre_jax.physics.types import Box, BroadPhase, Topology, World
+from iphyre_jax.physics.vector import Vec, product
+
+COUNTER_START = 256  # counters of the first insertions lie below
+STATIC_RANKS = 64  # more static bars than a scene can have
+KEY_NONE = np.int32(2**31 - 1)  # order key of a point that does not exist
+
+
+class Counters:
+    """Widths of the fields of counters and order keys, from the number of moving bodies.
+
+    counter = start + step * per_step + rank * per_rank + place; key = (owner's rank, place in the owner's list, second
+    point), most significant first. 31 bits must hold it: with n <= 8 for 131 071 steps, with n <= 12 for 16 383.
+    """
+
+    def __init__(self, moving: int) -> None:
+        self.moving = moving
+        rank_bits = max(moving - 1, 0).bit_length()
+        self.per_rank = 2 ** (STATIC_RANKS + moving * moving).bit_length()
+        self.per_step = self.per_rank << rank_bits
+        self.inner_bits = 30 - rank_bits
+        self.newest = 2**self.inner_bits - 1
+        self.max_steps = (self.newest - COUNTER_START) // self.per_step - 1
+
+
+def overlap(a: Box, b: Box) -> jax.Array:
+    """Return whether boxes overlap, touching included."""
+    return (a.left <= b.right) & (b.left <= a.right) & (a.top <= b.bottom) & (b.top <= a.bottom)
+
+
+def contains(outer: Box, inner: Box) -> jax.Array:
+    """Return whether `outer` contains `inner`, border included."""
+    return (
+        (outer.left <= inner.left)
+        & (outer.right >= inner.right)
+        & (outer.top <= inner.top)
+        & (outer.bottom >= inner.bottom)
+    )
+
+
+def grow(box: Box, velocity: Vec) -> Box:
+    """Return fat boxes: exact boxes with a margin of a tenth of their size and of a tenth of a second's way ahead."""
+    margin = FAT_MARGIN
+    width, height = product(box.right - box.left, margin), product(box.bottom - box.top, margin)
+    ahead = velocity * margin
+    return Box(
+        box.left + jnp.minimum(-width, ahead.x),
+        box.top + jnp.minimum(-height, ahead.y),
+        box.right + jnp.maximum(width, ahead.x),
+        box.bottom + jnp.maximum(height, ahead.y),
+    )
+
+
+def update(topology: Topology, world: World, broad: BroadPhase, box: Box, velocity: Vec, step: jax.Array) -> BroadPhase:
+    """Re-insert every moving body that has left its fat box and renew the counters of its pairs.
+
+    box: (n,) exact boxes of the moving bodies; velocity: theirs, of the step before.
+    """
+    outside = ~contains(broad.fat, box)
+    fat = jax.tree.map(lambda new, old: jnp.where(outside, new, old), grow(box, velocity), broad.fat)
+    counters = Counters(topology.moving)
+    base = COUNTER_START + step * counters.per_step
+    if topology.moving == 1:
+        inserted = jnp.where(outside, jnp.expand_dims(base, 0), broad.inserted)
+        return BroadPhase(fat, broad.path, broad.depth, inserted, broad.pair_counter, outside)
+
+    def reinsert(_: None) -> BroadPhase:
+        path, depth = _move_leaves(topology, world, broad, fat, outside)
+        rank = ranks(path)
+        inserted = jnp.where(outside, jnp.expand_dims(base, 0) + rank * counters.per_rank, broad.inserted)
+        pair_counter = _count_pairs(topology, counters, base, path, rank, outside, broad.pair_counter)
+        return BroadPhase(fat, path, depth, inserted, pair_counter, outside)
+
+    def keep(_: None) -> BroadPhase:
+        return BroadPhase(fat, broad.path, broad.depth, broad.inserted, broad.pair_counter, outside)
+
+    return jax.lax.cond(jnp.any(lanes.any_lane(outside) != 0), reinsert, keep, None)
+
+
+def ranks(path: jax.Array) -> jax.Array:
+    """Return each body's place in the depth-first order of the tree, (n,) int32."""
+    before = [
+        sum((path[j] < path[i]).astype(jnp.int32) for j in range(path.shape[0]) if j != i) for i in range(path.shape[0])
+    ]
+    return jnp.stack([jnp.asarray(count, jnp.int32) for count in before])
+
+
+def _bit_length(value: jax.Array) -> jax.Array:
+    return 32 - jax.lax.clz(value)
+
+
+def _count_pairs(
+    topology: Topology,
+    counters: Counters,
+    base: jax.Array,
+    path: jax.Array,
+    rank: jax.Array,
+    outside: jax.Array,
+    old: jax.Array,
+) -> jax.Array:
+    """Return the counters of the pairs of moving bodies, renewed where either was re-inserted in this step.
+
+    The pair is inserted by the re-inserted body of the lower rank; nearer relatives in the tree come later.
+    """
+    rows = []
+    for p, (i, j) in enumerate(topology.pairs):
+        i_low = rank[i] < rank[j]
+        by_i = jnp.where(i_low, outside[i], ~outside[j])
+        mine, other = jnp.where(by_i, rank[i], rank[j]), jnp.where(by_i, rank[j], rank[i])
+        place = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * counters.moving + other
+        rows.append(jnp.where(outside[i] | outside[j], base + mine * counters.per_rank + place, old[p]))
+    return jnp.stack(rows)
+
+
+def _move_leaves(
+    topology: Topology, world: World, broad: BroadPhase, fat: Box, outside: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Remove and insert the bodies that left their boxes, one after another in leaf order; return (path, depth)."""
+    n, like = topology.moving, outside[0]
+    index = lanes.iota(n, like)
+
+    def move(q: jax.Array, carry: tuple[Box, jax.Array, jax.Array]) -> tuple[Box, jax.Array, jax.Array]:
+        boxes, path, depth = carry
+        me = index == jnp.expand_dims(lanes.row(world.leaf_order, q), 0)
+        moved = jnp.any(me & outside, axis=0, keepdims=True)
+        boxes = jax.tree.map(lambda new, old: jnp.where(me & moved, new, old), fat, boxes)
+        removed = _remove(n, me, path, depth)
+        new_path, new_depth = _insert(n, me, boxes, *removed)
+        return boxes, jnp.where(moved, new_path, path), jnp.where(moved, new_depth, depth)
+
+    _, path, depth = jax.lax.fori_loop(0, n, move, (broad.fat, broad.path, broad.depth))
+    return path, depth
+
+
+def _of(me: jax.Array, values: jax.Array) -> jax.Array:
+    """Return the value of the one body marked in `me`, row axis kept."""
+    return jnp.sum(jnp.where(me, values, 0), axis=0, keepdims=True, dtype=values.dtype)
+
+
+def _remove(n: int, me: jax.Array, path: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Take one leaf out of the tree: those under its sibling lose the bit that told them from it."""
+    bits = n - 1
+    level = _of(me, depth) - 1  # the leaf's own last bit
+    below = bits - level  # bits from that level down
+    relative = ((path ^ _of(me, path)) >> below) == 0
+    low = (jnp.int32(1) << (below - 1)) - 1
+    shortened = (path >> below << below) | ((path & low) << 1)
+    under = relative & ~me
+    return jnp.where(under, shortened, path), jnp.where(under, depth - 1, depth)
+
+
+def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Put one leaf into the tree of the others by the reference's greedy rule: down to a leaf, whose sibling it becomes."""
+    bits = n - 1
+    mine = jax.tree.map(lambda leaf: _of(me, leaf), boxes)
+    inside = ~me
+    my_path = jnp.zeros_like(path[:1])
+    my_depth = jnp.zeros_like(depth[:1])
+    for level in range(bits - 1):  # the last level never holds two candidates
+        open_ = jnp.sum(inside, axis=0, keepdims=True, dtype=jnp.int32) > 1
+        bit = ((path >> (bits - 1 - level)) & 1) == 1
+        second = _goes_second(inside & ~bit, inside & bit, boxes, mine)
+        my_path = jnp.where(open_ & second, my_path | (1 << (bits - 1 - level)), my_path)
+        my_depth = jnp.where(open_, level + 1, my_depth)
+        inside = jnp.where(open_, inside & (bit == second), inside)
+    new_bit = jnp.int32(1) << (bits - 1 - my_depth)
+    path = jnp.where(inside, path | new_bit, jnp.where(me, my_path, path))
+    return path, jnp.where(inside | me, my_depth + 1, depth)
+
+
+def _goes_second(first: jax.Array, second: jax.Array, boxes: Box, mine: Box) -> jax.Array:
+    """Return whether a new leaf goes into the second subtree: the growth of area decides, then nearness, then the first."""
+    a, b = _hull(first, boxes), _hull(second, boxes)
+    cost_a = _area(b) + _area(_union(a, mine))
+    cost_b = _area(a) + _area(_union(b, mine))
+    tie = cost_a == cost_b
+    return jnp.where(tie, _proximity(b, mine) < _proximity(a, mine), cost_b < cost_a)
+
+
+def _hull(members: jax.Array, boxes: Box) -> Box:
+    """Return the box around the marked ones, row axis kept."""
+    far = jnp.array(jnp.inf, boxes.left.dtype)
+    return Box(
+        jnp.min(jnp.where(members, boxes.left, far), axis=0, keepdims=True),
+        jnp.min(jnp.where(members, boxes.top, far), axis=0, keepdims=True),
+        jnp.max(jnp.where(members, boxes.right, -far), axis=0, keepdims=True),
+        jnp.max(jnp.where(members, boxes.bottom, -far), axis=0, keepdims=True),
+    )
+
+
+def _union(a: Box, b: Box) -> Box:
+    return Box(
+        jnp.minimum(a.left, b.left),
+        jnp.minimum(a.top, b.top),
+        jnp.maximum(a.right, b.right),
+        jnp.maximum(a.bottom, b.bottom),
+    )
+
+
+def _area(a: Box) -> jax.Array:
+    return product(a.right - a.left, a.bottom - a.top)
+
+
+def _proximity(a: Box, b: Box) -> jax.Array:
+    return jnp.abs(a.left + a.right - b.left - b.right) + jnp.abs(a.top + a.bottom - b.top - b.bottom)
+
+
+def static_key(
+    topology: Topology, broad: BroadPhase, rank: jax.Array, body: int | jax.Array, static: jax.Array, first: jax.Array
+) -> jax.Array:
+    """Return the order key of a body's pair with a static bar.
+
+    On the step of a re-insertion the static bars come by rank; otherwise the pair inserted last comes first.
+    static: its rank; first: the pair's counter before the body's first re-insertion.
+    """
+    c = Counters(topology.moving)
+    inserted, updated, owner = (lanes.row(a, body) for a in (broad.inserted, broad.updated, rank))
+    counter = jnp.where(inserted < 0, first, inserted + static)
+    return ((owner << c.inner_bits) | jnp.where(updated, static, c.newest - counter)) << 1
+
+
+def moving_key(
+    topology: Topology, broad: BroadPhase, rank: jax.Array, i: jax.Array, j: jax.Array, pair: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Return the order key of a pair of moving bodies, and whether `i` has role a.
+
+    The body of the higher rank owns the pair. If it was re-inserted in this step, the pair comes after its static ones
+    and the owner is a; otherwise the pair has its place by age and the owner is b.
+    """
+    c = Counters(topology.moving)
+    rank_i, rank_j = lanes.row(rank, i), lanes.row(rank, j)
+    i_owns = rank_i > rank_j
+    updated = jnp.where(i_owns, lanes.row(broad.updated, i), lanes.row(broad.updated, j))
+    owner, other = jnp.where(i_owns, rank_i, rank_j), jnp.where(i_owns, rank_j, rank_i)
+    distance = _bit_length(lanes.row(broad.path, i) ^ lanes.row(broad.path, j))
+    fresh = STATIC_RANKS + distance * c.moving + other
+    place = jnp.where(updated, fresh, c.newest - lanes.row(broad.pair_counter, pair))
+    return ((owner << c.inner_bits) | place) << 1, i_owns == updated

@@ -1,0 +1,148 @@
+"""Pin joints and damped springs, each between the centres of two bodies, so without any torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
+from iphyre_jax.physics.types import STATIC, Motion, State, Timing, Topology, World
+from iphyre_jax.physics.vector import Vec, dot, length, product, rounded
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Link:
+    """One constraint during a step."""
+
+    active: jax.Array  # bool, False once the bar that holds it is eliminated
+    normal: Vec  # unit, from the first end to the second
+    mass: jax.Array  # 1 / (sum of the ends' inverse masses)
+    target: jax.Array  # px/s, wanted relative speed along the normal
+    impulse: jax.Array  # accumulated, px/s
+
+
+def prepare(topology: Topology, world: World, timing: Timing, state: State) -> list[Link]:
+    """Return the constraints of a step, pins first, before any impulse.
+
+    A pin wants the speed -bias (distance - length) / dt. A spring's target starts at 0 and its impulse is the force of
+    the step, (rest - distance) stiffness dt, which `apply_springs` gives to the bodies.
+    """
+    links = []
+    for k, (i, j) in enumerate(topology.constraints):
+        first, second = (_end(world, state, k, body) for body in (i, j))
+        delta = second - first
+        distance = length(delta)
+        normal = delta * (1.0 / jnp.where(distance == 0, jnp.inf, distance))
+        held = world.anchor_bar[k]
+        gone = jnp.any((held == _statics(world)) & ~state.alive, axis=0)
+        mass = jnp.full_like(distance, 1.0 if STATIC in (i, j) else 0.5)
+        if k < len(topology.pins):
+            error = product(-timing.bias, distance - world.pin_length[k])
+            links.append(Link(~gone, normal, mass, error / timing.dt, state.pin_impulse[k]))
+        else:
+            force = (SPRING_REST - distance) * SPRING_STIFFNESS
+            links.append(Link(~gone, normal, mass, jnp.zeros_like(distance), product(force, timing.dt)))
+    return links
+
+
+def _statics(world: World) -> jax.Array:
+    n = world.exists.shape[0]
+    return jnp.arange(n, dtype=jnp.int32).reshape(n, *(1,) * (world.exists.ndim - 1))
+
+
+def _end(world: World, state: State, k: int, body: int) -> Vec:
+    return world.anchor[k] if body == STATIC else state.position[body]
+
+
+def _speed(link: Link, motions: list[Motion], ends: tuple[int, int]) -> jax.Array:
+    """Return the relative speed along the normal, px/s; a static end is at rest."""
+    i, j = ends
+    if i == STATIC:
+        return dot(motions[j].velocity, link.normal)
+    if j == STATIC:
+        return dot(-motions[i].velocity, link.normal)
+    return dot(motions[j].velocity - motions[i].velocity, link.normal)
+
+
+def _push(motions: list[Motion], ends: tuple[int, int], link: Link, impulse: jax.Array) -> list[Motion]:
+    """Give an impulse along the normal to both ends, where the constraint is active."""
+    given = link.normal * jnp.where(link.active, impulse, 0)
+    out = list(motions)
+    for body, push in ((ends[0], -given), (ends[1], given)):
+        if body != STATIC:
+            out[body] = replace(out[body], velocity=out[body].velocity + push)
+    return out
+
+
+def apply_springs(topology: Topology, links: list[Link], motions: list[Motion]) -> list[Motion]:
+    """Give the springs' forces of the step to the bodies; the reference does so before gravity."""
+    for k in range(len(topology.pins), len(links)):
+        motions = _push(motions, topology.constraints[k], links[k], links[k].impulse)
+    return motions
+
+
+def apply_cached(topology: Topology, links: list[Link], motions: list[Motion], place: jax.Array) -> list[Motion]:
+    """Give the pins' impulses of the step before to the bodies again."""
+    for k, here in _in_order(len(links), place):
+        if k < len(topology.pins):
+            motions = _push(motions, topology.constraints[k], _masked(links[k], here), links[k].impulse)
+    return motions
+
+
+def sweep(
+    topology: Topology, timing: Timing, links: list[Link], motions: list[Motion], place: jax.Array
+) -> tuple[list[Link], list[Motion]]:
+    """Run one sweep over the constraints in list order.
+
+    Pin: the impulse that gives the wanted speed. Spring: the damping takes its share of the difference to the target
+    speed, which becomes the new target; its impulse passes through the accumulator and is rounded there.
+    """
+    links = list(links)
+    for k, here in _in_order(len(links), place):
+        ends, link = topology.constraints[k], _masked(links[k], here)
+        speed = _speed(link, motions, ends)
+        if k < len(topology.pins):
+            target, impulse = link.target, product(link.target - speed, link.mass)
+        else:
+            damped = product(link.target - speed, timing.spring_decay[0 if STATIC in ends else 1])
+            target, impulse = speed + damped, product(damped, link.mass)
+        total = link.impulse + impulse
+        motions = _push(motions, ends, link, total - link.impulse)
+        kept = [jnp.where(link.active, new, old) for new, old in ((target, link.target), (total, link.impulse))]
+        links[k] = Link(links[k].active, link.normal, link.mass, *kept)
+    return links, motions
+
+
+def _masked(link: Link, here: jax.Array | None) -> Link:
+    if here is None:
+        return link
+    return replace(link, active=link.active & here)
+
+
+def _in_order(count: int, place: jax.Array) -> list[tuple[int, jax.Array | None]]:
+    """List the constraints in solve order, each with the mask of the worlds in which it has that place (None: all).
+
+    Two constraints keep their order when one goes. From three on, the last takes the hole of a removed one.
+    """
+    if count < 3:
+        return [(k, None) for k in range(count)]
+    return [(k, place[k] == position) for position in range(count) for k in range(count)]
+
+
+def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:
+    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one."""
+    count = len(topology.constraints)
+    if count < 3:
+        return state.place
+    place = [state.place[k] for k in range(count)]
+    for k in range(count):
+        held = world.anchor_bar[k] == _statics(world)
+        goes = jnp.any(held & state.alive & ~alive, axis=0)
+        last = sum((p >= 0).astype(jnp.int32) for p in place) - 1
+        hole = place[k]
+        place = [jnp.where(goes & (p == last), hole, p) for p in place]
+        place[k] = jnp.where(goes, -1, place[k])
+    return jnp.stack(place)

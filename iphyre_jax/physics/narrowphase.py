@@ -1,0 +1,169 @@
+"""Contact points of two shapes, each function one pair of shapes as the reference names it.
+
+Normals point from the first shape to the second; contact points lie on the surfaces. Signs of comparison are part of
+the method: circles touch when strictly nearer than the sum of the radii, segments when not farther.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.physics.vector import Vec, clamp01, cross, dot, length, lerp, normalized, product, rounded, where
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Segment:
+    """A bar in the world frame: ends of its core line, px, and its unit normal."""
+
+    a: Vec
+    b: Vec
+    normal: Vec
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Touch:
+    """One possible contact point."""
+
+    touching: jax.Array  # bool
+    normal: Vec  # unit, from the first shape to the second
+    on_first: Vec  # px, point on the first shape's surface
+    on_second: Vec
+    id: jax.Array  # int32; bars: 2 * end of the first + end of the second
+
+
+def circle_circle(centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array) -> Touch:
+    """Return the contact of two balls."""
+    delta, reach = centre_b - centre_a, radius_a + radius_b
+    return _round_contact(
+        centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(jnp.ones_like(delta.x), jnp.zeros_like(delta.y))
+    )
+
+
+def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
+    """Return the contact of a ball and a bar: the ball against the nearest point of the core line."""
+    along = bar.b - bar.a
+    t = clamp01(dot(along, centre - bar.a) / dot(along, along))
+    closest = bar.a + along * t
+    bar_radius = jnp.full_like(radius, BAR_RADIUS)
+    return _round_contact(centre, radius, closest, bar_radius, closest - centre, radius + bar_radius, bar.normal)
+
+
+def _round_contact(
+    p: Vec, radius_p: jax.Array, q: Vec, radius_q: jax.Array, delta: Vec, reach: jax.Array, if_coincident: Vec
+) -> Touch:
+    """Return the contact of two discs around p and q, `delta` = q - p."""
+    square = dot(delta, delta)
+    distance = rounded(jnp.sqrt(square))
+    apart = distance != 0
+    normal = where(apart, delta * (1.0 / jnp.where(apart, distance, 1)), if_coincident)
+    touching = square < product(reach, reach)
+    return Touch(touching, normal, p + normal * radius_p, q + normal * -radius_q, jnp.zeros_like(touching, jnp.int32))
+
+
+def segment_segment(one: Segment, two: Segment) -> tuple[Touch, Touch]:
+    """Return the two possible contact points of two bars, in the reference's order for roles (one, two).
+
+    Exchanging the bars flips the normal and exchanges the points.
+    """
+    normal, distance, collinear = _separation(one, two)
+    near = (distance <= 2 * BAR_RADIUS) & ~collinear
+    return _clip(one, two, normal, near)
+
+
+def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array, jax.Array]:
+    """Return normal, signed distance and exact collinearity of two core lines.
+
+    The difference set {q - p} of the core lines is a parallelogram. Its point nearest to the origin gives the distance;
+    if the lines cross, the origin lies inside, and the nearest side gives the depth. The reference finds the same by
+    iteration. Two bars on exactly one line get no contact: the reference's normal is zero there.
+    """
+    corners = two.a - one.a, two.b - one.a, two.a - one.b, two.b - one.b
+    sides = [(corners[i], corners[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
+    point, inner, edge = _nearest(*sides[0])
+    best = dot(point, point)
+    for side in sides[1:]:
+        other_point, other_inner, other_edge = _nearest(*side)
+        square = dot(other_point, other_point)
+        nearer = square < best
+        best = jnp.minimum(best, square)
+        point, edge = where(nearer, other_point, point), where(nearer, other_edge, edge)
+        inner = jnp.where(nearer, other_inner, inner)
+    unit = normalized(Vec(edge.y, -edge.x))
+    signed = dot(unit, point)
+    unit = where(signed < 0, -unit, unit)
+    far = length(point)
+    tiny = jnp.finfo(far.dtype).tiny
+    normal = where(inner, unit, point * (1.0 / (far + tiny)))
+    distance = jnp.where(inner, jnp.abs(signed), far)
+    crossing, collinear = _crossing(one, two)
+    return (*_push_out(sides, crossing, normal, distance), collinear)
+
+
+def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, jax.Array]:
+    """Return the point of the side a-b nearest to the origin, whether it lies between the ends, and b - a."""
+    edge = b - a
+    t = -jnp.clip(dot(edge, a + b) / (dot(edge, edge) + jnp.finfo(a.x.dtype).tiny), -1, 1)
+    half = 0.5 * t
+    return a * (0.5 - half) + b * (0.5 + half), (t > -1) & (t < 1), edge
+
+
+def _crossing(one: Segment, two: Segment) -> tuple[jax.Array, jax.Array]:
+    """Return whether two core lines cross strictly between their ends, and whether they lie on exactly one line."""
+    along_one, along_two, offset = one.b - one.a, two.b - two.a, two.a - one.a
+    area = cross(along_one, along_two)
+    parallel = area == 0
+    safe = jnp.where(parallel, 1, area)
+    s, t = cross(offset, along_two) / safe, cross(offset, along_one) / safe
+    crossing = ~parallel & (s > 0) & (s < 1) & (t > 0) & (t < 1)
+    return crossing, parallel & (cross(along_one, offset) == 0)
+
+
+def _push_out(
+    sides: list[tuple[Vec, Vec]], crossing: jax.Array, normal: Vec, distance: jax.Array
+) -> tuple[Vec, jax.Array]:
+    """Where core lines cross, return the inward normal of the nearest side of the difference set, and minus its distance."""
+
+    def push(_: None) -> tuple[Vec, jax.Array]:
+        best, out = None, normal
+        for a, b in sides:
+            unit = normalized(Vec(b.y - a.y, a.x - b.x))
+            height = dot(unit, a)
+            inward = where(height > 0, -unit, unit)
+            depth = jnp.abs(height)
+            if best is None:
+                best, out = depth, inward
+            else:
+                nearer = depth < best
+                best, out = jnp.where(nearer, depth, best), where(nearer, inward, out)
+        return where(crossing, out, normal), jnp.where(crossing, -best, distance)
+
+    return jax.lax.cond(jnp.any(crossing), push, lambda _: (normal, distance), None)
+
+
+def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array) -> tuple[Touch, Touch]:
+    """Return the contact points where the bars' facing sides overlap along the contact."""
+    flip_one, flip_two = ~(dot(one.normal, normal) > 0), ~(dot(two.normal, -normal) > 0)
+    one_a, one_b = where(flip_one, one.b, one.a), where(flip_one, one.a, one.b)
+    two_a, two_b = where(flip_two, two.b, two.a), where(flip_two, two.a, two.b)
+    tiny = jnp.finfo(normal.x.dtype).tiny
+    u_one_a, u_one_b, u_two_a, u_two_b = (cross(end, normal) for end in (one_a, one_b, two_a, two_b))
+    scale_one = 1.0 / (u_one_b - u_one_a + tiny)
+    scale_two = 1.0 / (u_two_b - u_two_a + tiny)
+    out = normal * BAR_RADIUS
+    end_one, end_two = flip_one.astype(jnp.int32), flip_two.astype(jnp.int32)
+
+    def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> Touch:
+        on_one = out + lerp(one_a, one_b, clamp01(product(u_two - u_one_a, scale_one)))
+        on_two = -out + lerp(two_a, two_b, clamp01(product(u_one - u_two_a, scale_two)))
+        touching = near & (dot(on_two - on_one, normal) <= 0)
+        return Touch(touching, normal, on_one, on_two, point_id)
+
+    first = point(u_two_b, u_one_a, 2 * end_one + (1 - end_two))
+    second = point(u_two_a, u_one_b, 2 * (1 - end_one) + end_two)
+    return first, second

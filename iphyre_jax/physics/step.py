@@ -1,0 +1,107 @@
+"""One step of the reference's solver, stage for stage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.physics import broadphase, contacts, joints, solver
+from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
+from iphyre_jax.physics.vector import Vec, product
+
+
+def initial_state(topology: Topology, world: World) -> State:
+    """Return a world before its first step: everything at rest where the scene puts it."""
+    start = world.start
+    zero = jnp.zeros_like(start.x)
+    at_rest = Vec(zero, zero)
+    whole = jnp.zeros_like(world.leaf_order)
+    lane = start.x.shape[1:]
+    motion = Motion(at_rest, zero, at_rest, zero)
+    slots = (3, topology.slots, *lane)
+    impulses = jnp.zeros(slots, zero.dtype)
+    constraints = len(topology.constraints)
+    place = jnp.arange(constraints if constraints > 2 else 0, dtype=jnp.int32).reshape(-1, *(1,) * len(lane))
+    blank = BroadPhase(
+        Box(zero, zero, zero, zero),
+        jnp.asarray(world.start_path),
+        jnp.asarray(world.start_depth),
+        whole - 1,
+        jnp.asarray(world.pair_counter),
+        jnp.zeros_like(whole, bool),
+    )
+    state = State(
+        position=jax.tree.map(jnp.asarray, start),
+        angle=zero,
+        motion=motion,
+        alive=jnp.asarray(world.exists),
+        broad=blank,
+        cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
+        pin_impulse=jnp.zeros((len(topology.pins), *lane), zero.dtype),
+        place=jnp.broadcast_to(place, (place.shape[0], *lane)),
+        step=jnp.zeros(lane, jnp.int32),
+        overflow=jnp.zeros(lane, bool),
+    )
+    boxes = contacts.moving_boxes(topology, contacts.world_shapes(topology, world, state))
+    fat = broadphase.grow(boxes, at_rest)
+    return replace(state, broad=replace(blank, fat=fat))
+
+
+def eliminate(topology: Topology, world: World, state: State, removed: jax.Array) -> State:
+    """Take static bars out, (S,) bool, with their joints and springs. Their cached contacts never match again."""
+    alive = state.alive & ~removed
+    return replace(state, alive=alive, place=joints.close_holes(topology, world, state, alive))
+
+
+def integrate_positions(state: State, timing: Timing) -> State:
+    """Move every body by its velocity and bias velocity of the step before; the bias velocity is used up."""
+    motion = state.motion
+    position = state.position + (motion.velocity + motion.bias_velocity) * timing.dt
+    angle = state.angle + product(motion.angular + motion.bias_angular, timing.dt)
+    zero = jnp.zeros_like(motion.angular)
+    return replace(
+        state, position=position, angle=angle, motion=replace(motion, bias_velocity=Vec(zero, zero), bias_angular=zero)
+    )
+
+
+def integrate_velocities(motions: list[Motion], timing: Timing) -> list[Motion]:
+    """Add gravity; damping is 1."""
+    return [
+        replace(motion, velocity=Vec(motion.velocity.x, motion.velocity.y + timing.gravity_dt)) for motion in motions
+    ]
+
+
+def step(topology: Topology, world: World, timing: Timing, state: State) -> State:
+    """Advance one world, or one world a lane, by timing.dt seconds.
+
+    The stages stand in the reference's order: bodies move first, with the velocities of the step before; contact
+    masses and bounce see velocities before springs and gravity; cached impulses come after both.
+    """
+    state = integrate_positions(state, timing)
+    shapes = contacts.world_shapes(topology, world, state)
+    boxes = contacts.moving_boxes(topology, shapes)
+    broad = broadphase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
+    points, touching = contacts.collide(topology, world, shapes, broad, state)
+    used = jnp.minimum(jnp.max(touching), topology.slots)
+
+    motions = solver.unstack(state.motion, topology.moving)
+    contact = solver.prestep(world, timing, points, used, motions, state.cache)
+    links = joints.prepare(topology, world, timing, state)
+    motions = joints.apply_springs(topology, links, motions)
+    motions = integrate_velocities(motions, timing)
+    motions = solver.apply_cached(contact, used, motions)
+    motions = joints.apply_cached(topology, links, motions, state.place)
+    contact, links, motions = solver.solve(topology, timing, contact, used, links, motions, state.place)
+
+    pins = [link.impulse for link in links[: len(topology.pins)]]
+    return replace(
+        state,
+        motion=solver.stack(motions),
+        broad=broad,
+        cache=solver.remember(state.cache, contact),
+        pin_impulse=jnp.stack(pins) if pins else state.pin_impulse,
+        step=state.step + 1,
+        overflow=state.overflow | (touching > topology.slots),
+    )

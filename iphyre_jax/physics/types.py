@@ -1,0 +1,165 @@
+"""The data of one world: what is compiled (`Topology`), what is given (`World`, `Timing`) and what moves (`State`).
+
+Index conventions used everywhere in `physics`:
+
+* moving bodies: the moving bars in list order, then the balls: 0 .. n-1 (`n = bars + balls`);
+* static bars: by their rank in the reference's static tree, so that index order is visiting order;
+* bars: the moving ones, then the static ones.
+
+Shapes are those of one world. Every array may carry further axes *behind* the ones given (lanes: many worlds of one
+topology side by side, each operation one contiguous loop over them); `rollouts` does so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+
+from iphyre_jax.physics.vector import Vec
+
+STATIC = -1  # the end of a joint or spring that is held by a static bar
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What decides the compiled program: which bodies move and what ties them. Hashable."""
+
+    bars: int  # moving bars
+    balls: int
+    statics: int  # room for static bars; unused places do not exist in `World`
+    pins: tuple[tuple[int, int], ...]  # moving-body index or STATIC at each end, in list order
+    springs: tuple[tuple[int, int], ...]
+    slots: int  # contact points a world may have at once; more is a fault
+
+    @property
+    def moving(self) -> int:
+        """Number of moving bodies n."""
+        return self.bars + self.balls
+
+    @property
+    def constraints(self) -> tuple[tuple[int, int], ...]:
+        """Pin joints, then springs: the reference's list order before any removal."""
+        return self.pins + self.springs
+
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of moving bodies, lower index first."""
+        return tuple((i, j) for i in range(self.moving) for j in range(i + 1, self.moving))
+
+    @cached_property
+    def bar_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of bars of which the first moves; bars are the moving ones, then the static ones."""
+        return tuple((i, j) for i in range(self.bars) for j in range(i + 1, self.bars + self.statics))
+
+    @cached_property
+    def ball_bar_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs (ball, bar); the ball is counted from 0."""
+        return tuple((i, j) for i in range(self.balls) for j in range(self.bars + self.statics))
+
+    @cached_property
+    def ball_pairs(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of balls, counted from 0, lower index first."""
+        return tuple((i, j) for i in range(self.balls) for j in range(i + 1, self.balls))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class World:
+    """The scene of one world as numbers. n moving bodies, m moving bars, S static places, P pairs of moving bodies."""
+
+    start: Vec  # (n,) px, centres at the start
+    radius: jax.Array  # (balls,) px
+    inv_moment: jax.Array  # (n,) 1/(px^2), mass being 1
+    bar_a: Vec  # (m,) px, end points of the core line in the body's frame
+    bar_b: Vec
+    bar_normal: Vec  # (m,) unit, body frame
+    static_a: Vec  # (S,) px, world frame
+    static_b: Vec
+    static_normal: Vec  # (S,) unit
+    static_centre: Vec  # (S,) px
+    exists: jax.Array  # (S,) bool, False for an unused place
+    column: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
+    anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
+    anchor_bar: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
+    pin_length: jax.Array  # (pins,) px
+    point_class: jax.Array  # (4, bar pairs) int32, see insertion.point_classes
+    leaf_order: jax.Array  # (n,) int32, moving bodies in the order in which the broad phase updates them
+    start_path: jax.Array  # (n,) int32, path bits in the moving tree
+    start_depth: jax.Array  # (n,) int32
+    static_counter: jax.Array  # (n * S,) int32, insertion counter of a body's pair with a static bar at the start
+    pair_counter: jax.Array  # (P,) int32, the same of the pairs of moving bodies
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Timing:
+    """Everything that follows from dt, computed on the host in float64; scalars."""
+
+    dt: jax.Array  # s
+    bias: jax.Array  # share of an overlap or a joint's error corrected in a step
+    gravity_dt: jax.Array  # px/s
+    spring_decay: jax.Array  # (2,) share of relative speed lost in a step, one end fixed or none
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Motion:
+    """Velocities of the bodies, or of one; the bias velocities correct overlaps and live for one step."""
+
+    velocity: Vec  # px/s
+    angular: jax.Array  # rad/s
+    bias_velocity: Vec
+    bias_angular: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Box:
+    """Axis-aligned boxes, px; y points down, so `top` is the smaller y."""
+
+    left: jax.Array
+    top: jax.Array
+    right: jax.Array
+    bottom: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BroadPhase:
+    """The reference's broad phase as far as it decides the order of the contacts. n bodies, P pairs of them."""
+
+    fat: Box  # (n,) boxes with a margin; a body is re-inserted when it leaves its own
+    path: jax.Array  # (n,) int32, path bits in the tree of moving bodies, left-aligned
+    depth: jax.Array  # (n,) int32, path bits in use
+    inserted: jax.Array  # (n,) int32, counter base of the last re-insertion, -1 if never
+    pair_counter: jax.Array  # (P,) int32
+    updated: jax.Array  # (n,) bool, re-inserted in this step
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Cache:
+    """Impulses of the contact points of the last three steps, newest first. K slots."""
+
+    point: jax.Array  # (3, K) int32, identity of the point: 4 * pair + id class; -1 for an empty slot
+    normal_impulse: jax.Array  # (3, K) px/s
+    tangent_impulse: jax.Array  # (3, K)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class State:
+    """All that the next step needs of one world, and nothing that can be computed."""
+
+    position: Vec  # (n,) px
+    angle: jax.Array  # (n,) rad
+    motion: Motion  # (n,)
+    alive: jax.Array  # (S,) bool, static bars still there
+    broad: BroadPhase
+    cache: Cache
+    pin_impulse: jax.Array  # (pins,) px/s
+    place: jax.Array  # (constraints,) int32, place in the reference's list; (0,) with fewer than three
+    step: jax.Array  # () int32, steps made
+    overflow: jax.Array  # () bool, a step had more contact points than slots

@@ -1,0 +1,103 @@
+"""Compiled programs and the chunks of worlds that run on them.
+
+One program per topology and dtype plays any scene of that topology at any frame rate, length and sampling: worlds run
+in chunks of a fixed number of lanes. Chunks are independent, so they are handed to as many threads as there are cores.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, partial
+from threading import Lock
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax import rollouts
+from iphyre_jax.physics.types import Timing, Topology, World
+from iphyre_jax.scenes.build import build
+from iphyre_jax.scenes.limits import MAX_ELIMINABLE
+from iphyre_jax.scenes.schema import Scene
+
+LANES = 128  # worlds a chunk: their state stays in the cache of a core
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Program:
+    """Compiled `rollouts.begin` and `rollouts.advance` for chunks of one topology and dtype."""
+
+    begin: Callable[[World, npt.NDArray[np.bool_]], rollouts.Progress]
+    advance: Callable[[World, Timing, npt.NDArray[np.int32], rollouts.Progress, np.int32], rollouts.Progress]
+
+
+_LOCKS: dict[tuple[Topology, str], Lock] = {}
+_PROGRAMS: dict[tuple[Topology, str], Program] = {}
+
+
+@cache
+def built(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
+    """Return topology and numbers of a scene, computed once."""
+    return build(scene, resets=resets, dtype=dtype)
+
+
+def _program(topology: Topology, dtype: str, world: World, timing: Timing, plan: npt.NDArray[np.int32]) -> Program:
+    """Return the program of a topology, compiled when first asked for; different ones compile side by side."""
+    key = topology, dtype
+    with _LOCKS.setdefault(key, Lock()):
+        if key not in _PROGRAMS:
+            begin = jax.jit(partial(rollouts.begin, topology)).lower(world, np.zeros(LANES, bool))
+            advance = jax.jit(partial(rollouts.advance, topology))
+            compiled = advance.lower(world, timing, plan, begin.out_info, np.int32(0)).compile()
+            _PROGRAMS[key] = Program(begin.compile(), compiled)
+        return _PROGRAMS[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Up to LANES worlds of one topology, in any mixture of its scenes."""
+
+    topology: Topology
+    worlds: tuple[World, ...]  # numbers of the scenes
+    which: npt.NDArray[np.integer[Any]]  # (used,) index into `worlds`
+    plan: npt.NDArray[np.int32]  # (used, S)
+    rows: npt.NDArray[np.integer[Any]]  # (used,) the caller's rows
+
+
+def _in_lanes(chunk: Chunk) -> tuple[World, npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+    """Return the chunk's worlds and plans with lanes behind, and the unused lanes, which repeat the last world."""
+    lane = np.minimum(np.arange(LANES), len(chunk.which) - 1)
+    which = chunk.which[lane]
+    world = jax.tree.map(lambda *leaves: np.stack(leaves, -1)[..., which], *chunk.worlds)
+    plan = np.full((MAX_ELIMINABLE, LANES), -1, np.int32)
+    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, lane]
+    return world, plan, np.arange(LANES) >= len(chunk.which)
+
+
+def play(chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int]) -> Iterator[rollouts.Outcome]:
+    """Play a chunk and yield its outcome so far, as NumPy arrays, at each of the step counts `stops`."""
+    with jax.enable_x64(dtype == "float64"):
+        world, plan, spare = _in_lanes(chunk)
+        program = _program(chunk.topology, dtype, world, timing, plan)
+        progress = program.begin(world, spare)
+        for stop in stops:
+            if stop:
+                progress = program.advance(world, timing, plan, progress, np.int32(stop))
+            yield jax.tree.map(lambda leaf: leaf[..., : len(chunk.which)], jax.device_get(progress.outcome))
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="iphyre_jax")
+
+
+def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Run `work` on all items on all cores and return the results in order; the first error is raised."""
+    return [future.result() for future in [_threads().submit(work, item) for item in items]]

@@ -1,0 +1,252 @@
+"""Play games under given plans: the host functions that check, batch and collect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax import programs
+from iphyre_jax.physics.broadphase import Counters
+from iphyre_jax.rollouts import Outcome
+from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes.build import timing
+
+SceneLike = str | PathLike[str] | Scene
+
+_DTYPES = ("float32", "float64")
+_SUCCESS, _PER_ELIMINATION = 1000.0, 10.0  # the paper's reward; a second costs 1
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """B plays. Rewards follow the paper: 1000 if solved, -10 a removed block, -1 a second.
+
+    Attributes:
+        success: (B,) bool, every ball's centre was below y = 600 after one and the same step.
+        steps: (B,) int64, physics steps made, the solving one included.
+        eliminations: (B,) int64, blocks removed by then.
+        reward: (B,) float64, 1000 success - 10 eliminations - steps / fps.
+        fault: (B,) int64, 0 if sound, 1 more contact points than slots, 2 not finite; a faulted world stops, unsolved.
+        samples: (B, K, N, 3) of the simulation's dtype, x, y (px) and angle (rad) of every object at the start and
+            after every `sample_every` steps; NaN from the first sample after an object's removal; the last pose
+            repeats once the play is over. None if not asked for.
+    """
+
+    success: npt.NDArray[np.bool_]
+    steps: npt.NDArray[np.int64]
+    eliminations: npt.NDArray[np.int64]
+    reward: npt.NDArray[np.float64]
+    fault: npt.NDArray[np.int64]
+    samples: npt.NDArray[np.floating[Any]] | None
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """The checked keyword arguments of a simulation."""
+
+    fps: float
+    steps: int
+    dtype: str
+    resets: int
+    sample_every: int | None
+
+
+def simulate(
+    scene: SceneLike,
+    eliminate_at: npt.ArrayLike,
+    *,
+    fps: float = 60,
+    duration: float = 15.0,
+    dtype: str = "float32",
+    sample_every: int | None = None,
+    resets: int = 1,
+) -> Simulation:
+    """Play B plans of one scene.
+
+    A host function: it takes and returns NumPy arrays and changes no JAX setting.
+
+    Args:
+        scene: a game's name, the path of a scene file, or a Scene.
+        eliminate_at: (B, S) integers; column s holds the 0-based index of the physics step before which the s-th
+            eliminable block (in list order) is removed, -1 for never. Missing columns mean never; columns beyond the
+            scene's blocks must be -1. Blocks that go before the same step go in column order.
+        fps: physics steps a second; dt = 1 / fps.
+        duration: s; duration x fps must be a whole number of steps.
+        dtype: "float32" or "float64".
+        sample_every: steps between samples of all poses, or None for no samples.
+        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, the
+            official learning environments play in 2.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+        OSError: the scene file cannot be read.
+    """
+    loaded = load_scene(scene)
+    settings = _settings(fps, duration, dtype, resets, sample_every)
+    plan = _plan(eliminate_at, [len(loaded.eliminable_blocks)], None)
+    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings)
+
+
+def simulate_many(
+    scenes: Sequence[SceneLike],
+    which: npt.ArrayLike,
+    eliminate_at: npt.ArrayLike,
+    *,
+    fps: float = 60,
+    duration: float = 15.0,
+    dtype: str = "float32",
+    resets: int = 1,
+) -> Simulation:
+    """Play B plans of any mixture of scenes; results come in the caller's order, without samples.
+
+    Args:
+        scenes: names, files or Scenes.
+        which: (B,) integers, the scene of each plan as an index into `scenes`.
+        eliminate_at: (B, S) integers, each row as for `simulate`.
+        fps: see `simulate`, as for all that follow.
+        duration: s.
+        dtype: "float32" or "float64".
+        resets: number of the reset.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+        OSError: a scene file cannot be read.
+    """
+    if isinstance(scenes, str | PathLike | Scene):
+        raise ValueError("scenes: expected a sequence of names, files or Scenes, got a single one")
+    loaded = [load_scene(scene) for scene in scenes]
+    settings = _settings(fps, duration, dtype, resets, None)
+    index = _integers("which", which, 1)
+    if index.size and not (0 <= index.min() and index.max() < len(loaded)):
+        raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
+    plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
+    return _simulate(loaded, index, plan, settings)
+
+
+def _settings(fps: float, duration: float, dtype: str, resets: int, sample_every: int | None) -> _Settings:
+    for name, number in (("fps", fps), ("duration", duration)):
+        if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not 0 < number < math.inf:
+            raise ValueError(f"{name}: expected a positive number, got {number!r}")
+    for name, whole in (("resets", resets), ("sample_every", 1 if sample_every is None else sample_every)):
+        if isinstance(whole, bool) or not isinstance(whole, int | np.integer) or whole < 1:
+            raise ValueError(f"{name}: expected a whole number of at least 1, got {whole!r}")
+    if dtype not in _DTYPES:
+        raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
+    steps = round(float(duration) * float(fps))
+    if steps < 1 or abs(float(duration) * float(fps) - steps) > 1e-6 * steps:
+        raise ValueError(f"duration: expected duration x fps to be a whole number of steps, got {duration!r} x {fps!r}")
+    every = None if sample_every is None else int(sample_every)
+    return _Settings(float(fps), steps, dtype, int(resets), every)
+
+
+def _integers(name: str, value: npt.ArrayLike, ndim: int) -> npt.NDArray[np.int64]:
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name}: expected {ndim} axes of integers, got rows of unequal length") from None
+    if array.ndim != ndim or (array.size and array.dtype.kind not in "iu"):
+        raise ValueError(f"{name}: expected integers with {ndim} axes, got {array.dtype} of shape {array.shape}")
+    return array.astype(np.int64)
+
+
+def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.int64] | None) -> npt.NDArray[np.int32]:
+    """Return the checked plan with as many columns as the scene with the most eliminable blocks has."""
+    plan = _integers("eliminate_at", eliminate_at, 2)
+    if which is not None and len(which) != len(plan):
+        raise ValueError(f"eliminate_at: expected {len(which)} rows as in which, got {len(plan)}")
+    if plan.size and plan.min() < -1:
+        raise ValueError(f"eliminate_at: expected step indices or -1, got {plan.min()}")
+    have = np.array(blocks, np.int64)[np.zeros(len(plan), np.int64) if which is None else which]
+    beyond = (np.arange(plan.shape[1]) >= have[:, None]) & (plan != -1)
+    if beyond.any():
+        row, column = np.argwhere(beyond)[0]
+        raise ValueError(
+            f"eliminate_at: row {row} removes block {column}, but its scene has {have[row]} eliminable blocks"
+        )
+    return np.minimum(plan[:, : max(blocks, default=0)], np.iinfo(np.int32).max).astype(np.int32)
+
+
+def _simulate(
+    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings
+) -> Simulation:
+    chunks = _chunks(scenes, which, plan, settings)
+    size = len(plan)
+    success = np.zeros(size, bool)
+    counts = {name: np.zeros(size, np.int64) for name in ("steps", "eliminations", "fault")}
+    times = timing(settings.fps, settings.dtype)
+    every = settings.sample_every
+    stops = [settings.steps] if every is None else [*range(0, settings.steps + 1, every)]
+    if stops[-1] != settings.steps:
+        stops.append(settings.steps)
+    samples = None
+    if every is not None:
+        shape = size, settings.steps // every + 1, scenes[0].n_objects, 3
+        samples = np.empty(shape, settings.dtype)
+
+    def play(chunk: programs.Chunk) -> None:
+        for k, outcome in enumerate(programs.play(chunk, times, settings.dtype, stops)):
+            if samples is not None and k < samples.shape[1]:
+                samples[chunk.rows, k] = _poses(scenes[0], outcome)
+        success[chunk.rows] = outcome.success
+        for name, values in counts.items():
+            values[chunk.rows] = getattr(outcome, name)
+        if samples is not None:
+            _blank_removed(scenes[0], samples, chunk, np.asarray(outcome.steps), stops)
+
+    programs.run_all(play, chunks)
+    reward = _SUCCESS * success - _PER_ELIMINATION * counts["eliminations"] - counts["steps"] / settings.fps
+    return Simulation(success, counts["steps"], counts["eliminations"], reward, counts["fault"], samples)
+
+
+def _chunks(
+    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings
+) -> list[programs.Chunk]:
+    """Sort the plans by topology, then by scene, and cut them into chunks; the costliest topologies come first."""
+    built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
+    groups: dict[Any, list[int]] = {}
+    for k in np.unique(which).tolist():
+        groups.setdefault(built[k][0], []).append(k)
+    chunks = []
+    for topology, members in sorted(groups.items(), key=lambda group: -group[0].moving):
+        if settings.steps > (limit := Counters(topology.moving).max_steps):
+            raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
+        rows = np.concatenate([np.flatnonzero(which == k) for k in members])
+        local = np.searchsorted(members, which[rows])
+        worlds = tuple(built[k][1] for k in members)
+        for start in range(0, len(rows), programs.LANES):
+            part = slice(start, start + programs.LANES)
+            chunks.append(programs.Chunk(topology, worlds, local[part], plan[rows[part]], rows[part]))
+    return chunks
+
+
+def _poses(scene: Scene, outcome: Outcome) -> npt.NDArray[np.floating[Any]]:
+    """Return x, y and angle of every object, (used, N, 3); removed ones still included."""
+    used = np.asarray(outcome.steps).shape[0]
+    poses = np.zeros((used, scene.n_objects, 3), np.asarray(outcome.angle).dtype)
+    poses[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    moving = np.flatnonzero(scene.dynamic)
+    for axis, values in enumerate((outcome.position.x, outcome.position.y, outcome.angle)):
+        poses[:, moving, axis] = np.asarray(values).T
+    return poses
+
+
+def _blank_removed(
+    scene: Scene,
+    samples: npt.NDArray[np.floating[Any]],
+    chunk: programs.Chunk,
+    made: npt.NDArray[np.integer[Any]],
+    stops: list[int],
+) -> None:
+    """Write NaN for removed objects; one removed before step k is in the sample after k steps for the last time."""
+    at = np.array(stops[: samples.shape[1]])
+    for column, block in enumerate(scene.eliminable_blocks[: chunk.plan.shape[1]]):
+        when = chunk.plan[:, column]
+        done = (when >= 0) & (when < made)
+        row, sample = np.nonzero(done[:, None] & (at > when[:, None]))
+        samples[chunk.rows[row], sample, block] = np.nan
