@@ -1,0 +1,187 @@
+"""Compare both engines stage by stage, one step at a time, with the reference's state put into ours.
+
+Before every step our solver takes over the reference's poses, velocities and impulses, so that a difference shows in
+the stage and the step that makes it, not as its consequences.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from iphyre_jax import Scene
+from parity import tolerances as tol
+from parity.lockstep import OurWorld, put_in
+from parity.reference import schedule
+from parity.trace import TracedWorld
+from parity.views import StepView, their_view
+
+Pair = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """The first stage of the first step in which the engines differ.
+
+    Attributes:
+        step: 0-based index of the step.
+        stage: the stage's name.
+        detail: what differs, with both values.
+        knife_edge: whether a contact is there in one engine only because its distance is zero up to rounding.
+    """
+
+    step: int
+    stage: str
+    detail: str
+    knife_edge: bool = False
+
+    def __str__(self) -> str:
+        """One line."""
+        return f"step {self.step}, {self.stage}: {self.detail}"
+
+
+@dataclass(frozen=True)
+class _Values:
+    """A stage whose numbers are compared: its name, the numbers of a view, the tolerance, relative or not."""
+
+    stage: str
+    values: Callable[[StepView], NDArray[np.float64]]
+    tolerance: float
+    relative: bool = False
+
+
+_BEFORE_CONTACTS = (
+    _Values("positions", lambda view: view.position, tol.STAGE_POSITION),
+    _Values("angles", lambda view: view.angle, tol.STAGE_POSITION),
+)
+_AFTER_CONTACTS = (
+    _Values("normals", lambda view: view.normal, tol.STAGE_NORMAL),
+    _Values("contact points on a", lambda view: view.arm_a, tol.STAGE_POINT),
+    _Values("contact points on b", lambda view: view.arm_b, tol.STAGE_POINT),
+    _Values("contact masses", lambda view: view.masses, tol.STAGE_MASS, relative=True),
+    _Values("bounce and bias speeds", lambda view: view.speeds, tol.STAGE_SPEED),
+    _Values("contact impulses", lambda view: view.impulses, tol.STAGE_IMPULSE),
+    _Values("velocities", lambda view: view.velocity, tol.STAGE_VELOCITY),
+    _Values("angular velocities", lambda view: view.angular_velocity, tol.STAGE_VELOCITY),
+)
+
+
+def compare_step(step: int, ours: StepView, theirs: StepView, pins: int) -> Divergence | None:
+    """The first stage of one step that differs, in the order in which the stages happen.
+
+    Args:
+        step: 0-based index of the step, for the report.
+        ours: our view of it.
+        theirs: the reference's.
+        pins: how many of the constraints are pin joints, whose impulses the reference shows without their sign.
+
+    Returns:
+        The divergence, or None where all stages agree within their tolerances.
+    """
+    found = _numbers(step, ours, theirs, _BEFORE_CONTACTS) or _contacts(step, ours, theirs)
+    if found:
+        return found
+    mine = ours.links.copy()
+    mine[:pins] = np.abs(mine[:pins])
+    return _different(step, "joints and springs", mine, theirs.links, tol.STAGE_IMPULSE) or _numbers(
+        step, ours, theirs, _AFTER_CONTACTS
+    )
+
+
+def _numbers(step: int, ours: StepView, theirs: StepView, stages: tuple[_Values, ...]) -> Divergence | None:
+    for stage in stages:
+        mine, other = stage.values(ours), stage.values(theirs)
+        scale = np.maximum(np.abs(other), 1e-300) if stage.relative else 1.0
+        found = _different(step, stage.stage, mine, other, stage.tolerance * scale)
+        if found:
+            return found
+    return None
+
+
+def _different(
+    step: int,
+    stage: str,
+    ours: NDArray[np.float64],
+    theirs: NDArray[np.float64],
+    tolerance: NDArray[np.float64] | float,
+) -> Divergence | None:
+    same = (np.abs(ours - theirs) <= tolerance) | (np.isnan(ours) & np.isnan(theirs))
+    if same.all():
+        return None
+    row = tuple(int(k) for k in np.argwhere(~same)[0])
+    return Divergence(step, stage, f"row {row}: ours {float(ours[row])!r}, the reference's {float(theirs[row])!r}")
+
+
+def _contacts(step: int, ours: StepView, theirs: StepView) -> Divergence | None:
+    """Which pairs touch in how many points, in which order, in which roles."""
+    counts = [Counter(_unordered(view.pairs)) for view in (ours, theirs)]
+    if counts[0] != counts[1]:
+        differing = {pair for pair in {*counts[0], *counts[1]} if counts[0][pair] != counts[1][pair]}
+        return Divergence(
+            step,
+            "contacts",
+            f"points of each pair: ours {_listed(ours.pairs)}, the reference's {_listed(theirs.pairs)}",
+            all(_just_touches(pair, ours, theirs) for pair in differing),
+        )
+    for stage, orders in (
+        ("visit order", [_unordered(view.pairs) for view in (ours, theirs)]),
+        ("roles", [view.pairs for view in (ours, theirs)]),
+    ):
+        if orders[0] != orders[1]:
+            return Divergence(step, stage, f"ours {_listed(ours.pairs)}, the reference's {_listed(theirs.pairs)}")
+    return None
+
+
+def _unordered(pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
+    return tuple((min(pair), max(pair)) for pair in pairs)
+
+
+def _listed(pairs: tuple[Pair, ...]) -> str:
+    return ", ".join(f"{a}-{b}" for a, b in pairs) or "none"
+
+
+def _just_touches(pair: Pair, *views: StepView) -> bool:
+    """Whether some point of a pair is at a distance of zero up to rounding, in either view."""
+    distances = [
+        distance
+        for view in views
+        for other, distance in zip(_unordered(view.pairs), view.distance, strict=True)
+        if other == pair
+    ]
+    return any(abs(distance) <= tol.STAGE_POINT for distance in distances)
+
+
+def first_divergence(
+    scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, fps: int, steps: int, resets: int = 1
+) -> Divergence | None:
+    """Play one plan in both engines side by side and name the first stage in which they differ.
+
+    Args:
+        scene: the scene.
+        eliminate_at: (S,) integers as for `iphyre_jax.simulate`.
+        fps: physics steps a second.
+        steps: the most steps to compare; the step that solves the game is the last.
+        resets: number of the reset to play in.
+
+    Returns:
+        The first divergence, or None.
+    """
+    with jax.enable_x64(True):
+        ours, theirs = OurWorld(scene, resets, fps), TracedWorld(scene, resets)
+        due, pins = schedule(scene, eliminate_at), len(scene.joints)
+        last: StepView | None = None
+        for k in range(steps):
+            for index in due.get(k, ()):
+                ours.eliminate(index)
+                theirs.eliminate(index)
+            ours.state = put_in(ours.layout, ours.state, theirs.state(), last)
+            mine, records = ours.step(), theirs.step(1.0 / fps)
+            last = their_view(ours.layout, theirs.state(), records, theirs.constraint_impulses())
+            found = compare_step(k, mine, last, pins)
+            if found or theirs.solved():
+                return found
+    return None
