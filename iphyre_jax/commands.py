@@ -182,12 +182,15 @@ def _games(command: Games, console: Console) -> None:
     """`iphyre-jax games`."""
     if command.split is not None and command.split not in SPLITS:
         raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {command.split!r}")
-    table = Table("game", "split", "objects", "balls", "eliminable blocks (number: end points, px)")
+    table = Table(box=box.SIMPLE, pad_edge=False)
+    for title in ("game", "split", "objects", "balls"):
+        table.add_column(title, no_wrap=True)
+    table.add_column("eliminable blocks: end points, px")
     for split in [command.split] if command.split else SPLITS:
         for name in SPLITS[split]:
             scene = load_scene(name)
             ends = (f"{block}: {_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
-            table.add_row(name, split, str(scene.n_objects), str(scene.n_balls), "  ".join(ends))
+            table.add_row(name, split, str(scene.n_objects), str(scene.n_balls), "\n".join(ends))
     console.print(table)
 
 

@@ -24,6 +24,9 @@ class TrainConfig:
     split: str = "basic"
     """The split that is trained on; every game of it is played equally often."""
 
+    games: tuple[str, ...] = ()
+    """Train on these games of the package in place of a whole split."""
+
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
 
@@ -40,7 +43,7 @@ class TrainConfig:
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers (tanh)."""
 
-    updates: int = 200
+    updates: int = 100
     """Rounds of playing and learning."""
 
     plans_per_scene: int = 128
@@ -79,6 +82,10 @@ class TrainConfig:
         """
         if self.split not in SPLITS:
             raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {self.split!r}")
+        known = {game for games in SPLITS.values() for game in games}
+        for game in self.games:
+            if game not in known:
+                raise ValueError(f"games: expected names of games of the package, got {game!r}")
         if whole_fps(self.fps) % 10:
             raise ValueError(f"fps: expected a multiple of 10, got {self.fps}")
         if self.dtype not in ("float32", "float64"):
@@ -93,18 +100,18 @@ class TrainConfig:
         for name in ("learning_rate", "max_grad_norm", "clip", "std_floor"):
             _require(self, name, 0 < getattr(self, name) < float("inf"), "a positive number")
         _require(self, "entropy", 0 <= self.entropy < float("inf"), "a number not below 0")
-        episodes = len(self.games) * self.plans_per_scene
+        episodes = self.episodes_per_update
         _require(self, "minibatches", episodes % self.minibatches == 0, f"a divisor of {episodes} plans a round")
 
     @property
-    def games(self) -> tuple[str, ...]:
+    def training_games(self) -> tuple[str, ...]:
         """The games that are trained on."""
-        return SPLITS[self.split]
+        return self.games or SPLITS[self.split]
 
     @property
     def episodes_per_update(self) -> int:
         """Episodes played in a round."""
-        return len(self.games) * self.plans_per_scene
+        return len(self.training_games) * self.plans_per_scene
 
     def to_json(self) -> dict[str, Any]:
         """The settings as JSON values."""
@@ -126,14 +133,14 @@ def config_from_json(values: object, source: str | Path) -> TrainConfig:
     if not isinstance(values, dict):
         raise ValueError(f"{source}: expected an object of settings, got {type(values).__name__}")
     known = {field.name: field.default for field in dataclasses.fields(TrainConfig)}
+    settings: dict[str, Any] = {}
     for name, value in values.items():
         if name not in known:
             raise ValueError(f"{source}: unknown setting {name!r}")
-        if not _same_kind(value, known[name]):
+        settings[name] = tuple(value) if isinstance(value, list) else value
+        if not _same_kind(settings[name], known[name]):
             raise ValueError(f"{source}: {name}: expected a value like {known[name]!r}, got {value!r}")
-    if "hidden" in values:
-        values = {**values, "hidden": tuple(values["hidden"])}
-    config = TrainConfig(**values)
+    config = TrainConfig(**settings)
     try:
         config.check()
     except ValueError as error:
@@ -142,9 +149,10 @@ def config_from_json(values: object, source: str | Path) -> TrainConfig:
 
 
 def _same_kind(value: object, default: object) -> bool:
-    """Whether a JSON value may stand for a field with this default."""
+    """Whether a value read from JSON may stand for a field with this default."""
     if isinstance(default, tuple):
-        return isinstance(value, list) and all(type(item) is int for item in value)
+        kind = type(default[0]) if default else str
+        return isinstance(value, tuple) and all(type(item) is kind for item in value)
     if isinstance(default, float):
         return type(value) in (int, float)
     return type(value) is type(default)

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.report import TITLES, agent_name, paper_numbers
+from iphyre_jax.train.report import agent_name, paper_numbers, training_name
 
 
 def draw_curve(
@@ -33,12 +33,12 @@ def draw_curve(
     if greedy:
         axes.plot(*zip(*greedy, strict=True), color="tab:orange", marker="o", markersize=3, label="greedy plans")
     reference = paper_numbers()["agents"]
-    if config.split in reference["PPO-I"]:
+    if not config.games and config.split in reference["PPO-I"]:
         for name, rate, style in (("PPO-I", 10, "--"), ("Human", 60, ":")):
             reward = reference[name][config.split][0]
             label = f"paper: {name} ({rate} fps), {reward:.1f}"
             axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=label)
-    axes.set(xlabel="episodes", ylabel=f"mean reward, {TITLES[config.split]} split", title=agent_name(config))
+    axes.set(xlabel="episodes", ylabel=f"mean reward, {training_name(config)}", title=agent_name(config))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
     figure.savefig(path)

@@ -75,8 +75,8 @@ class Trainer:
     def __init__(self, config: TrainConfig) -> None:
         self.state = ppo.init(config)
         self._config = config
-        self._table = observation_table(config.games)
-        self._which = np.repeat(np.arange(len(config.games)), config.plans_per_scene)
+        self._table = observation_table(config.training_games)
+        self._which = np.repeat(np.arange(len(config.training_games)), config.plans_per_scene)
         self._seen = jnp.asarray(self._table[self._which])
         self._start = time.monotonic()
 
@@ -91,7 +91,7 @@ class Trainer:
         played = self._play(self._which, plans)
         greedy = self._greedy_reward() if measure_greedy else None
         play_end = time.monotonic()
-        reward = jnp.asarray(played.reward.reshape(len(config.games), -1), jnp.float32)
+        reward = jnp.asarray(played.reward.reshape(len(config.training_games), -1), jnp.float32)
         advantage = ppo.scene_advantage(reward, config.std_floor).reshape(-1)
         batch = ppo.Batch(self._seen, choice, log_prob, advantage)
         state, metrics = ppo.learn(config, self.state._replace(key=key), batch)
@@ -113,7 +113,7 @@ class Trainer:
     def _play(self, which: np.ndarray, actions: np.ndarray) -> Episodes:
         """Play training games with the run's settings."""
         config = self._config
-        return play(config.games, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
+        return play(config.training_games, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
 
     def _greedy_reward(self) -> float:
         """Mean reward of the greedy plans in the training games."""

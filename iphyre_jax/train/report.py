@@ -42,6 +42,11 @@ def agent_name(config: TrainConfig) -> str:
     return f"PPO in advance, {config.head} head, {config.fps} fps, seed {config.seed}"
 
 
+def training_name(config: TrainConfig) -> str:
+    """How results name what was trained on."""
+    return ", ".join(config.games) if config.games else f"{TITLES[config.split]} split"
+
+
 def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
     """This run's two rows, greedy and sampled, then the paper's humans, oracle and agents."""
     whole = {"all"} if set(COLUMNS[:-1]) <= set(evaluation.splits) else set()
@@ -80,7 +85,7 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
     paper = paper_numbers()
     settings = {
         "agent": agent_name(config),
-        "trained on": f"{config.split}, {config.fps} physics steps a second, reset {config.resets}",
+        "trained on": f"{training_name(config)}, {config.fps} physics steps a second, reset {config.resets}",
         "physics": config.dtype,
         "actions": f"greedy: one episode a game; sampled: {config.sampled_plans} episodes a game",
         "unsound worlds": str(evaluation.faults),

@@ -15,7 +15,7 @@ import json
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from iphyre_jax.train import checkpoint, ppo
 from iphyre_jax.train.config import TrainConfig, config_from_json
@@ -66,25 +66,25 @@ class RunFolder:
 
     path: Path
     config: TrainConfig
-    facts: dict[str, Any]
     rounds: list[Round] = field(default_factory=list)
-    _file: IO[str] | None = None
 
     def log(self, line: Round) -> None:
-        """Append a line to metrics.csv; it is on disk before this returns."""
-        if self._file is None:
-            self._file = (self.path / "metrics.csv").open("w", encoding="utf-8", newline="")
-            csv.writer(self._file).writerow([entry.name for entry in dataclasses.fields(Round)])
+        """Append a line to metrics.csv; it is in the file before this returns."""
         values = ["" if value is None else value for value in dataclasses.astuple(line)]
-        csv.writer(self._file).writerow([f"{value:.6g}" if isinstance(value, float) else value for value in values])
-        self._file.flush()
+        self._append([f"{value:.6g}" if isinstance(value, float) else str(value) for value in values])
         self.rounds.append(line)
+
+    def write_header(self) -> None:
+        """Start metrics.csv."""
+        self._append([entry.name for entry in dataclasses.fields(Round)])
+
+    def _append(self, cells: list[str]) -> None:
+        """Add a line to metrics.csv."""
+        with (self.path / "metrics.csv").open("a", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerow(cells)
 
     def close(self, state: ppo.TrainState) -> None:
         """Save the checkpoint and the learning curve of what was done."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
         checkpoint.save(self.path, state)
         draw_curve(
             self.path / "curve.png",
@@ -98,7 +98,8 @@ class RunFolder:
 def default_path(config: TrainConfig, root: Path = Path("runs")) -> Path:
     """A new folder's path, named after the run and the time."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    return root / f"ppo-in-advance-{config.head}-{config.split}-{config.fps}fps-seed{config.seed}-{stamp}"
+    trained_on = "some-games" if config.games else config.split
+    return root / f"ppo-in-advance-{config.head}-{trained_on}-{config.fps}fps-seed{config.seed}-{stamp}"
 
 
 def create(path: Path, config: TrainConfig) -> RunFolder:
@@ -120,7 +121,9 @@ def create(path: Path, config: TrainConfig) -> RunFolder:
         **facts,
     }
     _write_json(path / "config.json", content)
-    return RunFolder(path, config, facts)
+    folder = RunFolder(path, config)
+    folder.write_header()
+    return folder
 
 
 def load(path: Path) -> tuple[TrainConfig, ppo.TrainState]:

@@ -1,0 +1,109 @@
+"""The command `iphyre-jax`: what it prints, and one line for every mistake."""
+
+from __future__ import annotations
+
+import builtins
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+from iphyre_jax import GAMES, SPLITS, cli
+
+
+def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["games"]) == 0
+    out = capsys.readouterr().out
+    for game in (*GAMES, *SPLITS["unseen_basic"]):
+        assert game in out
+    assert cli.run(["games", "--split", "multi_ball"]) == 0
+    out = capsys.readouterr().out
+    assert "multi_ball_lever" in out
+    assert "noisy_hole" not in out
+
+
+def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
+    """Support without its bars at 10 fps: 2.4 s and two removals, the best known plan, 977.6."""
+    plan = ["--plan", "0.1", "0.2", "--fps", "10", "--rule", "in_advance", "--resets", "2"]
+    assert cli.run(["simulate", "support", *plan]) == 0
+    out = capsys.readouterr().out
+    assert "block 0: before step 1 (0.100 s)" in out
+    assert "support: solved after 24 steps (2.400 s)" in out
+    assert "eliminations: 2" in out
+    assert "reward: 977.6" in out
+
+
+def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(["simulate", "support", "--plan", "never", "--fps", "10"]) == 0
+    out = capsys.readouterr().out
+    assert "block 0: never" in out
+    assert "block 1: never" in out
+    assert "support: not solved after 150 steps" in out
+    assert "reward: -15.0" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["simulate", "suport"], "'suport'"),
+        (["simulate", "missing.json"], "missing.json"),
+        (["simulate", "support", "--plan", "soon"], "plan: expected seconds or never, got 'soon'"),
+        (["simulate", "support", "--plan", "1", "2", "3"], "plan: expected at most 2 times"),
+        (["simulate", "support", "--plan", "-1"], "negative"),
+        (["simulate", "support", "--plan", "inf"], "times: expected finite"),
+        (["simulate", "support", "--fps", "25", "--rule", "in_advance"], "fps: expected a multiple of 10"),
+        (["simulate", "support", "--resets", "0"], "resets: expected"),
+        (["games", "--split", "advanced"], "split: expected one of"),
+        (["train", "--fps", "25"], "fps: expected a multiple of 10"),
+        (["train", "--split", "advanced"], "split: expected one of"),
+        (["train", "--updates", "0"], "updates: expected at least 1"),
+        (["evaluate", "no-such-folder"], "no-such-folder: not a run folder"),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = ["--out", str(tmp_path / "run")] if arguments[0] == "train" else []
+    assert cli.run([*arguments, *out]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("iphyre-jax: ")
+    assert message in printed.err
+    assert printed.err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith(("iphyre_jax.commands", "tyro"))]:
+        monkeypatch.delitem(sys.modules, name)
+    real = builtins.__import__
+
+    def without_tyro(
+        name: str,
+        names: Mapping[str, object] | None = None,
+        local: Mapping[str, object] | None = None,
+        wanted: Sequence[str] | None = (),
+        level: int = 0,
+    ) -> object:
+        if name.partition(".")[0] == "tyro":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+        return real(name, names, local, wanted or (), level)
+
+    monkeypatch.setattr(builtins, "__import__", without_tyro)
+    assert cli.run(["games"]) == 2
+    message = capsys.readouterr().err
+    assert message == (
+        "iphyre-jax: this command needs the extra 'train' (tyro is missing): pip install 'iphyre-jax[train]'\n"
+    )
+
+
+def test_python_m_is_the_same_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "iphyre_jax", "games", "--split", "advanced"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("iphyre-jax: split: expected one of")

@@ -1,0 +1,77 @@
+"""Settings: what is refused, and the way through JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+
+from iphyre_jax import SPLITS
+from iphyre_jax.train.config import TrainConfig, config_from_json
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    "split": ({"split": "advanced"}, "split: expected one of basic"),
+    "games": ({"games": ("hole", "hol")}, "games: expected names of games of the package, got 'hol'"),
+    "fps": ({"fps": 25}, "fps: expected a multiple of 10"),
+    "no fps": ({"fps": 0}, "fps: expected a positive whole number"),
+    "dtype": ({"dtype": "bfloat16"}, "dtype: expected float32 or float64"),
+    "head": ({"head": "beta"}, "head: expected slots or gaussian"),
+    "resets": ({"resets": 0}, "resets: expected at least 1"),
+    "updates": ({"updates": 0}, "updates: expected at least 1"),
+    "one plan": ({"plans_per_scene": 1}, "plans_per_scene: expected at least 2"),
+    "seed": ({"seed": -1}, "seed: expected from 0"),
+    "no layer": ({"hidden": ()}, "hidden: expected at least one positive width"),
+    "empty layer": ({"hidden": (32, 0)}, "hidden: expected at least one positive width"),
+    "learning rate": ({"learning_rate": 0.0}, "learning_rate: expected a positive number"),
+    "not a number": ({"clip": float("nan")}, "clip: expected a positive number"),
+    "entropy": ({"entropy": -0.1}, "entropy: expected a number not below 0"),
+    "minibatches": ({"minibatches": 7}, "minibatches: expected a divisor of 1280 plans a round, got 7"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_settings_get_one_line(case: str) -> None:
+    values, message = BAD[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        TrainConfig(**values).check()
+    assert "\n" not in str(caught.value)
+
+
+def test_defaults_are_the_official_setting() -> None:
+    config = TrainConfig()
+    config.check()
+    assert (config.fps, config.resets, config.dtype, config.split) == (10, 2, "float32", "basic")
+    assert config.training_games == SPLITS["basic"]
+    assert config.episodes_per_update == 1280
+    assert TrainConfig(games=("hole", "spring")).training_games == ("hole", "spring")
+
+
+def test_through_json_and_back() -> None:
+    config = TrainConfig(seed=3, head="gaussian", hidden=(8, 9), games=("hole",), learning_rate=1.0, minibatches=2)
+    assert config_from_json(json.loads(json.dumps(config.to_json())), "run") == config
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([], "run: expected an object of settings, got list"),
+        ({"sead": 1}, "run: unknown setting 'sead'"),
+        ({"seed": "1"}, "run: seed: expected a value like 0, got '1'"),
+        ({"seed": True}, "run: seed: expected a value like 0, got True"),
+        ({"hidden": [1.5]}, "run: hidden: expected a value like"),
+        ({"games": [3]}, "run: games: expected a value like"),
+        ({"clip": None}, "run: clip: expected a value like 0.2, got None"),
+        ({"fps": 15}, "run: fps: expected a multiple of 10, got 15"),
+    ],
+)
+def test_bad_json_names_the_file(values: object, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        config_from_json(values, "run")
+    assert str(caught.value).startswith(message)
+
+
+def test_settings_cannot_change() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        TrainConfig().seed = 1  # type: ignore[misc]
