@@ -1,5 +1,6 @@
 """``python -m parity``: compare the solver with the reference on random plans and print the tables."""
 
+import math
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -72,6 +73,13 @@ def check(options: Options) -> None:
     for name, least in (("plans", 1), ("resets", 1), ("workers", 1), ("seed", 0)):
         if getattr(options, name) < least:
             raise ValueError(f"--{name}: expected an integer of at least {least}, got {getattr(options, name)}")
+    for name in ("fps", "dtype"):
+        if not getattr(options, name):
+            raise ValueError(f"--{name}: expected at least one value")
+    for fps in options.fps:
+        steps = options.duration * fps
+        if not (1 <= steps < math.inf and abs(steps - round(steps)) <= 1e-6 * steps):
+            raise ValueError(f"--duration: expected a whole number of steps at {fps} fps, got {options.duration} s")
     for scene in scenes(options):
         iphyre_jax.load_scene(scene)
 

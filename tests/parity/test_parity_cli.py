@@ -1,0 +1,53 @@
+"""``python -m parity`` from the outside."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from iphyre_jax import GAMES, SPLITS
+from parity.__main__ import Options, main, scenes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--plans", "0"], "--plans: expected an integer of at least 1, got 0"),
+        (["--resets", "0"], "--resets: expected an integer of at least 1, got 0"),
+        (["--seed", "-1"], "--seed: expected an integer of at least 0, got -1"),
+        (["--workers", "0"], "--workers: expected an integer of at least 1, got 0"),
+        (["--duration", "nan"], "--duration: expected a whole number of steps at 60 fps, got nan s"),
+        (["--duration", "inf"], "--duration: expected a whole number of steps at 60 fps, got inf s"),
+        (["--fps"], "--fps: expected at least one value"),
+        (["--dtype"], "--dtype: expected at least one value"),
+        (["--games", "suport"], "suport"),
+        (["--scene", "nowhere/missing.json"], "missing.json"),
+        (["--games", "support", "--duration", "0.01"], "--duration: expected a whole number of steps"),
+    ],
+)
+def test_bad_options_get_one_line(arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+
+
+def test_without_names_the_forty_games_are_compared() -> None:
+    assert scenes(Options()) == list(GAMES)
+    assert scenes(Options(unseen=True)) == list(SPLITS["unseen_basic"])
+    assert scenes(Options(games=("hole",), scene=(Path("own.json"),))) == ["hole", "own.json"]
+
+
+@pytest.mark.slow
+def test_a_run_leaves_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--games", "support", "unseen_hole", "--plans", "3", "--fps", "10", "--dtype", "float64"]
+    assert main([*options, "--workers", "1", "--out", str(tmp_path), "--name", "small"]) == 0
+    output = capsys.readouterr().out
+    assert "10 fps, float64: every target is reached" in output
+    document = json.loads((tmp_path / "small.json").read_text())
+    (table,) = document["tables"]
+    assert [game["name"] for game in table["games"]] == ["support", "unseen_hole"]
+    assert table["overall"]["plans"] == 6
+    assert {"jax", "numpy", "pymunk", "python"} <= set(document["versions"])
+    assert document["arguments"]["seed"] == 0
+    assert "| unseen_hole | 3 |" in (tmp_path / "small.md").read_text()
