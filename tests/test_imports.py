@@ -26,12 +26,13 @@ PARTS = (
     "simulation",
     "env",
     "train",
+    "commands",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "msgspec", "matplotlib", "rich", "tyro"}
-ABOVE_THE_CORE = {"train", "cli"}
+ABOVE_THE_CORE = {"train", "commands", "cli"}
 
 
 def modules() -> list[tuple[str, Path]]:
