@@ -67,6 +67,7 @@ STAGE_IMPULSE = 1e-7  # ten sweeps over stacked contacts magnify the roundings o
 STAGE_VELOCITY = 1e-7  # px/s and rad/s, from those impulses; a bar's inverse moment times its arm is about 1
 
 # --- the sample in the test suite -----------------------------------------------------------------------------------
-# 30 plays a split, rate and type: too few for the targets' last percent, so one or two plays on a knife edge may stray
-# (float64), and float32 may miss its share by its own spread (three standard deviations of 30 plays at 0.9).
-SAMPLE_SHARES = {"float64": 0.93, "float32": 0.73}
+# 30 to 90 plays: too few for the targets' last percent, so a play on a knife edge may stray (float64), and float32 may
+# miss its share by its own spread (three standard deviations of 60 plays at 0.9).
+SAMPLE_SHARES = {"float64": 0.96, "float32": 0.78}
+SAMPLE_FLOAT32_FLAG = 0.98  # one play in 60 may end otherwise

@@ -56,7 +56,9 @@ def any_lane(flags: jax.Array) -> jax.Array:
 
 def first_set(words: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Return the index of the lowest set bit of `words`, and the words without it. At least one bit must be set."""
-    word = jnp.argmax(words != 0).astype(jnp.int32)
-    value = words[word]
+    word, value = jnp.int32(0), words[0]
+    for later in range(1, words.shape[0]):  # the first word that is not empty
+        empty = value == 0
+        word, value = jnp.where(empty, jnp.int32(later), word), jnp.where(empty, words[later], value)
     lowest = jax.lax.population_count((value & (~value + np.uint32(1))) - np.uint32(1))
     return word * WORD + lowest.astype(jnp.int32), words.at[word].set(value & (value - np.uint32(1)))

@@ -143,30 +143,23 @@ def prestep(
     -bias min(0, distance + slop) / dt; bounce = restitution * relative normal speed, never limited.
     """
     moment = [world.inv_moment[i] for i in range(len(motions))]
-    inv_first, inv_second = lanes.pick(moment, points.first), lanes.pick(moment, points.second)
-    inv_mass_second = jnp.where(points.second == STATIC, 0, jnp.array(1.0 / MASS, inv_first.dtype))
-    tangent = perp(points.normal)
-    masses = []
-    for axis in (points.normal, tangent):
-        turn_first, turn_second = cross(points.arm_first, axis), cross(points.arm_second, axis)
-        total = 1.0 / MASS + product(product(inv_first, turn_first), turn_first)
-        total = total + (inv_mass_second + product(product(inv_second, turn_second), turn_second))
-        masses.append(1.0 / total)
-    bias = product(-timing.bias, jnp.minimum(points.distance + SLOP, 0)) / timing.dt
-    approach = dot(_relative(*_bodies(motions, points), points), points.normal)
-    continuing, normal_impulse, tangent_impulse = recall(cache, points, used)
-    return Contacts(
-        points,
-        inv_first,
-        inv_second,
-        *masses,
-        bias,
-        product(approach, jnp.array(RESTITUTION, approach.dtype)),
-        continuing,
-        normal_impulse,
-        tangent_impulse,
-        jnp.zeros_like(bias),
-    )
+
+    def prepare(point: Points) -> tuple[jax.Array, ...]:
+        inv_first, inv_second = lanes.pick(moment, point.first), lanes.pick(moment, point.second)
+        inv_mass_second = jnp.where(point.second == STATIC, 0, jnp.array(1.0 / MASS, inv_first.dtype))
+        masses = []
+        for axis in (point.normal, perp(point.normal)):
+            turn_first, turn_second = cross(point.arm_first, axis), cross(point.arm_second, axis)
+            total = 1.0 / MASS + product(product(inv_first, turn_first), turn_first)
+            total = total + (inv_mass_second + product(product(inv_second, turn_second), turn_second))
+            masses.append(1.0 / total)
+        bias = product(-timing.bias, jnp.minimum(point.distance + SLOP, 0)) / timing.dt
+        approach = dot(_relative(*_bodies(motions, point), point), point.normal)
+        return inv_first, inv_second, *masses, bias, product(approach, jnp.array(RESTITUTION, approach.dtype))
+
+    prepared = jax.vmap(prepare)(points)
+    recalled = recall(cache, points, used)
+    return Contacts(points, *prepared, *recalled, jnp.zeros_like(points.distance))
 
 
 def apply_cached(contacts: Contacts, used: jax.Array, motions: list[Motion]) -> list[Motion]:

@@ -15,7 +15,8 @@ from parity.trace import TracedWorld
 from parity.views import StepView, their_view
 
 # Each brings something the others lack: crossing cores and roles (seesaw), collinear bars (noisy_fill), many balls
-# (multi_ball_stack), clashing contact ids (multi_ball_lever), joints on moving bars (activated_pendulum), springs.
+# (multi_ball_stack), clashing contact ids (multi_ball_lever), a joint between moving bodies (activated_pendulum), a
+# spring (impulse_spring).
 STAGED = (
     ("support_hole", 60, 1),
     ("seesaw", 10, 1),
@@ -23,11 +24,8 @@ STAGED = (
     ("multi_ball_stack", 60, 1),
     ("multi_ball_lever", 10, 1),
     ("multi_ball_lever", 10, 2),
-    ("multi_ball_angle", 10, 3),
-    ("activated_pendulum", 60, 1),
-    ("multi_ball_pendulum", 10, 1),
+    ("activated_pendulum", 60, 3),
     ("impulse_spring", 60, 1),
-    ("multi_ball_spring", 10, 2),
 )
 
 
@@ -36,11 +34,12 @@ STAGED = (
 def test_every_stage_agrees_with_the_reference(game: str, fps: int, resets: int) -> None:
     scene = load_scene(game)
     for row in random_plans(scene, 3, fps, seed=4):
-        found = first_divergence(scene, row, fps=fps, steps=6 * fps if fps == 60 else 150, resets=resets)
+        found = first_divergence(scene, row, fps=fps, steps=300 if fps == 60 else 150, resets=resets)
         assert found is None or found.knife_edge, str(found)
 
 
-@pytest.mark.parametrize("game", ["support", "multi_ball_spring_flick"])
+@pytest.mark.slow
+@pytest.mark.parametrize("game", ["pendulum", "impulse_spring"])
 def test_the_staged_step_is_the_step(game: str) -> None:
     scene = load_scene(game)
     with jax.enable_x64(True):
