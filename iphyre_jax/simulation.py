@@ -123,7 +123,7 @@ def simulate_many(
     loaded = [load_scene(scene) for scene in scenes]
     settings = _settings(fps, duration, dtype, resets, None)
     index = _integers("which", which, 1)
-    if index.size and not (0 <= index.min() and index.max() < len(loaded)):
+    if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
     return _simulate(loaded, index, plan, settings)

@@ -28,7 +28,7 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
     shapes = contacts.world_shapes(topology, world, moved)
     boxes = contacts.moving_boxes(topology, shapes)
     broad = broadphase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
-    points, touching = contacts.collide(topology, world, shapes, broad)
+    points, touching = contacts.collide(topology, world, shapes, broad, moved)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(moved.motion, topology.moving)

@@ -55,7 +55,7 @@ def contains(outer: Box, inner: Box) -> jax.Array:
 
 def grow(box: Box, velocity: Vec) -> Box:
     """Return fat boxes: exact boxes with a margin of a tenth of their size and of a tenth of a second's way ahead."""
-    margin = FAT_MARGIN
+    margin = jnp.array(FAT_MARGIN, box.left.dtype)
     width, height = product(box.right - box.left, margin), product(box.bottom - box.top, margin)
     ahead = velocity * margin
     return Box(

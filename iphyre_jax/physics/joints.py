@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
 from iphyre_jax.physics.types import STATIC, Motion, State, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, dot, length, product, rounded
+from iphyre_jax.physics.vector import Vec, dot, length, product
 
 
 @jax.tree_util.register_dataclass

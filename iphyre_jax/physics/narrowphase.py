@@ -105,7 +105,7 @@ def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array, jax.Array]:
     return (*_push_out(sides, crossing, normal, distance), collinear)
 
 
-def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, jax.Array]:
+def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, Vec]:
     """Return the point of the side a-b nearest to the origin, whether it lies between the ends, and b - a."""
     edge = b - a
     t = -jnp.clip(dot(edge, a + b) / (dot(edge, edge) + jnp.finfo(a.x.dtype).tiny), -1, 1)
@@ -127,20 +127,16 @@ def _crossing(one: Segment, two: Segment) -> tuple[jax.Array, jax.Array]:
 def _push_out(
     sides: list[tuple[Vec, Vec]], crossing: jax.Array, normal: Vec, distance: jax.Array
 ) -> tuple[Vec, jax.Array]:
-    """Where core lines cross, return the inward normal of the nearest side of the difference set, and minus its distance."""
+    """Where core lines cross, return the inward normal of the difference set's nearest side and minus its distance."""
 
     def push(_: None) -> tuple[Vec, jax.Array]:
-        best, out = None, normal
+        best, out = jnp.full_like(distance, jnp.inf), normal
         for a, b in sides:
             unit = normalized(Vec(b.y - a.y, a.x - b.x))
             height = dot(unit, a)
-            inward = where(height > 0, -unit, unit)
-            depth = jnp.abs(height)
-            if best is None:
-                best, out = depth, inward
-            else:
-                nearer = depth < best
-                best, out = jnp.where(nearer, depth, best), where(nearer, inward, out)
+            nearer = jnp.abs(height) < best
+            best = jnp.where(nearer, jnp.abs(height), best)
+            out = where(nearer, where(height > 0, -unit, unit), out)
         return where(crossing, out, normal), jnp.where(crossing, -best, distance)
 
     return jax.lax.cond(jnp.any(crossing), push, lambda _: (normal, distance), None)
@@ -155,7 +151,7 @@ def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array) -> tuple[Tou
     u_one_a, u_one_b, u_two_a, u_two_b = (cross(end, normal) for end in (one_a, one_b, two_a, two_b))
     scale_one = 1.0 / (u_one_b - u_one_a + tiny)
     scale_two = 1.0 / (u_two_b - u_two_a + tiny)
-    out = normal * BAR_RADIUS
+    out = normal * jnp.array(BAR_RADIUS, normal.x.dtype)
     end_one, end_two = flip_one.astype(jnp.int32), flip_two.astype(jnp.int32)
 
     def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> Touch:

@@ -159,7 +159,9 @@ def prestep(
 
     prepared = jax.vmap(prepare)(points)
     recalled = recall(cache, points, used)
-    return Contacts(points, *prepared, *recalled, jnp.zeros_like(points.distance))
+    inv_first, inv_second, normal_mass, tangent_mass, bias, bounce = prepared
+    impulses = (*recalled, jnp.zeros_like(points.distance))
+    return Contacts(points, inv_first, inv_second, normal_mass, tangent_mass, bias, bounce, *impulses)
 
 
 def apply_cached(contacts: Contacts, used: jax.Array, motions: list[Motion]) -> list[Motion]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
+import jax
 import numpy as np
+import numpy.typing as npt
 
 from iphyre_jax.physics import constants as c
 from iphyre_jax.physics.insertion import Insertion, point_classes, replay_insertion
@@ -14,6 +17,11 @@ from iphyre_jax.scenes.schema import Scene
 
 STATIC_PLACES = 10  # scenes with up to so many static bars share a program; more take the next even number
 SLOT_LIMIT = 16
+
+
+def _array(values: npt.ArrayLike, dtype: str) -> jax.Array:
+    """Return a NumPy array, rounded once from float64; `World` holds arrays of either kind."""
+    return cast(jax.Array, np.asarray(values).astype(dtype))
 
 
 class _Bodies:
@@ -77,15 +85,15 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
     def vec(rows: np.ndarray, places: int | None = None) -> Vec:
         padded = np.zeros((len(rows) if places is None else places, 2))
         padded[: len(rows)] = rows
-        return Vec(*(column.astype(dtype) for column in padded.T))
+        return Vec(*(_array(column, dtype) for column in padded.T))
 
     room = topology.statics
     columns = {obj: s for s, obj in enumerate(scene.eliminable_blocks)}
     inv_moment = [1.0 / c.BAR_MOMENT] * topology.bars + [1.0 / (c.MASS * (0.5 * r * r)) for r in bodies.radius.tolist()]
     world = World(
         start=vec(bodies.centre[movers]),
-        radius=bodies.radius.astype(dtype),
-        inv_moment=np.array(inv_moment, dtype),
+        radius=_array(bodies.radius, dtype),
+        inv_moment=_array(inv_moment, dtype),
         bar_a=vec(bodies.end_a[bars]),
         bar_b=vec(bodies.end_b[bars]),
         bar_normal=vec(bodies.normal[bars]),
@@ -93,7 +101,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
         static_b=vec(bodies.end_b[statics] + bodies.centre[statics], room),
         static_normal=vec(bodies.normal[statics], room),
         static_centre=vec(bodies.centre[statics], room),
-        exists=np.arange(room) < len(statics),
+        exists=_array(np.arange(room) < len(statics), "bool"),
         column=np.array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), np.int32),
         **_constraints(scene, bodies, statics, dtype),
         **_order(topology, insertion, movers, statics, resets, n_objects),
@@ -101,7 +109,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
     return topology, world
 
 
-def _constraints(scene: Scene, bodies: _Bodies, statics: list[int], dtype: str) -> dict[str, object]:
+def _constraints(scene: Scene, bodies: _Bodies, statics: list[int], dtype: str) -> dict[str, Any]:
     """Return the fields of `World` that describe joints and springs."""
     anchors, anchor_bars = [], []
     for pair in (*scene.joints, *scene.springs):
@@ -111,7 +119,7 @@ def _constraints(scene: Scene, bodies: _Bodies, statics: list[int], dtype: str) 
     anchor = np.array(anchors, np.float64).reshape(-1, 2)
     delta = [bodies.centre[j] - bodies.centre[i] for i, j in scene.joints]
     return {
-        "anchor": Vec(*(column.astype(dtype) for column in anchor.T)),
+        "anchor": Vec(*(_array(column, dtype) for column in anchor.T)),
         "anchor_bar": np.array(anchor_bars, np.int32),
         "pin_length": np.array([math.sqrt(x * x + y * y) for x, y in delta], np.float64).astype(dtype),
     }
@@ -119,7 +127,7 @@ def _constraints(scene: Scene, bodies: _Bodies, statics: list[int], dtype: str) 
 
 def _order(
     topology: Topology, insertion: Insertion, movers: list[int], statics: list[int], resets: int, n_objects: int
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Return the fields of `World` that decide the order of contacts."""
     index = {obj: k for k, obj in enumerate(movers)}
     room = topology.statics
@@ -152,4 +160,4 @@ def timing(fps: float, dtype: str) -> Timing:
     dt = 1.0 / fps
     decay = [1.0 - math.exp(-c.SPRING_DAMPING * dt * k) for k in (1.0, 2.0)]
     values = (dt, 1.0 - c.BIAS_BASE**dt, c.GRAVITY * dt, decay)
-    return Timing(*(np.array(value, np.float64).astype(dtype) for value in values))
+    return Timing(*(_array(value, dtype) for value in values))
