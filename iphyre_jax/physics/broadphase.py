@@ -165,7 +165,7 @@ def _remove(n: int, me: jax.Array, path: jax.Array, depth: jax.Array) -> tuple[j
 
 
 def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Put one leaf into the tree of the others by the reference's greedy rule: down to a leaf, whose sibling it becomes."""
+    """Put one leaf into the tree of the others by the greedy rule: down to a leaf, whose sibling it becomes."""
     bits = n - 1
     mine = jax.tree.map(lambda leaf: _of(me, leaf), boxes)
     inside = ~me
@@ -184,7 +184,7 @@ def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array
 
 
 def _goes_second(first: jax.Array, second: jax.Array, boxes: Box, mine: Box) -> jax.Array:
-    """Return whether a new leaf goes into the second subtree: the growth of area decides, then nearness, then the first."""
+    """Return whether a new leaf goes into the second subtree: growth of area decides, then nearness, then the first."""
     a, b = _hull(first, boxes), _hull(second, boxes)
     cost_a = _area(b) + _area(_union(a, mine))
     cost_b = _area(a) + _area(_union(b, mine))

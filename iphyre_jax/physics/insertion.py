@@ -65,8 +65,7 @@ class _Tree:
             self.root = node
             return node
         at = self.root
-        while at.leaf is None:
-            assert at.first is not None and at.second is not None
+        while at.first is not None and at.second is not None:
             at.box = _union(at.box, box)
             cost_first = _area(at.second.box) + _area(_union(at.first.box, box))
             cost_second = _area(at.first.box) + _area(_union(at.second.box, box))
@@ -148,7 +147,7 @@ def replay_insertion(boxes: list[Box], moving: list[bool], resets: int) -> Inser
 
 
 def _leaf_order(movers: list[int], n_objects: int, resets: int) -> tuple[int, ...]:
-    """Iterate the reference's chained hash table after `resets` fillings: ids keep counting, the table never shrinks."""
+    """Iterate the chained hash table after `resets` fillings: ids keep counting, the table never shrinks."""
     size = LEAF_TABLE_SIZES[0]
     chains: list[list[int]] = [[] for _ in range(size)]
     for reset in range(resets):

@@ -102,7 +102,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
         static_normal=vec(bodies.normal[statics], room),
         static_centre=vec(bodies.centre[statics], room),
         exists=_array(np.arange(room) < len(statics), "bool"),
-        column=np.array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), np.int32),
+        column=_array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), np.int32),
         **_constraints(scene, bodies, statics, dtype),
         **_order(topology, insertion, movers, statics, resets, n_objects),
     )
@@ -144,7 +144,7 @@ def _order(
             classes[:, p] = point_classes(first_id + bars[i], first_id + bars[j])
     return {
         "point_class": classes,
-        "leaf_order": np.array([index[i] for i in insertion.leaf_order], np.int32),
+        "leaf_order": np.array([index[i] for i in insertion.leaf_order], "int32"),
         "start_path": np.array([insertion.path[i] for i in movers], np.int32),
         "start_depth": np.array([insertion.depth[i] for i in movers], np.int32),
         "static_counter": static_counter.reshape(-1),
