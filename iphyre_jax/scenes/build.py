@@ -102,7 +102,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
         static_normal=vec(bodies.normal[statics], room),
         static_centre=vec(bodies.centre[statics], room),
         exists=_array(np.arange(room) < len(statics), "bool"),
-        column=_array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), np.int32),
+        column=_array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), "int32"),
         **_constraints(scene, bodies, statics, dtype),
         **_order(topology, insertion, movers, statics, resets, n_objects),
     )
