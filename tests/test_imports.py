@@ -73,14 +73,14 @@ def test_every_part_is_there() -> None:
 IMPORT_COSTS_NOTHING = """
 import sys
 import jax, numpy
-flags = {name: getattr(jax.config, name) for name in jax.config.values}
+flags = dict(jax.config.values)
 before = set(sys.modules)
 import iphyre_jax
 iphyre_jax.load_scene("support")
 iphyre_jax.simulate, iphyre_jax.rollout, iphyre_jax.plan_to_steps
 from jax._src import xla_bridge
 assert not xla_bridge._backends, "a backend was started"
-assert flags == {name: getattr(jax.config, name) for name in jax.config.values}, "a flag was changed"
+assert flags == dict(jax.config.values), "a flag was changed"
 print(*sorted({name.partition(".")[0] for name in set(sys.modules) - before} - sys.stdlib_module_names))
 """
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
 from iphyre_jax.physics.types import STATIC, Motion, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
@@ -36,8 +37,7 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> l
         delta = second - first
         distance = length(delta)
         normal = delta * (1.0 / jnp.where(distance == 0, jnp.inf, distance))
-        held = world.anchor_bar[k]
-        gone = jnp.any((held == _statics(world)) & ~state.alive, axis=0)
+        gone = jnp.any(_holder(world, k) & ~state.alive, axis=0)
         mass = jnp.full_like(distance, 1.0 if STATIC in (i, j) else 0.5)
         if k < len(topology.pins):
             error = product(-timing.bias, distance - world.pin_length[k])
@@ -48,9 +48,10 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> l
     return links
 
 
-def _statics(world: World) -> jax.Array:
-    n = world.exists.shape[0]
-    return jnp.arange(n, dtype=jnp.int32).reshape(n, *(1,) * (world.exists.ndim - 1))
+def _holder(world: World, k: int) -> jax.Array:
+    """Return which static bar holds constraint `k`, (S,) bool; none where both of its ends move."""
+    held = jnp.expand_dims(world.anchor_bar[k], 0)
+    return held == lanes.iota(world.exists.shape[0], world.anchor_bar[k])
 
 
 def _end(world: World, state: State, k: int, body: int) -> Vec:
@@ -139,8 +140,7 @@ def close_holes(topology: Topology, world: World, state: State, alive: jax.Array
         return state.place
     place = [state.place[k] for k in range(count)]
     for k in range(count):
-        held = world.anchor_bar[k] == _statics(world)
-        goes = jnp.any(held & state.alive & ~alive, axis=0)
+        goes = jnp.any(_holder(world, k) & state.alive & ~alive, axis=0)
         last = sum((p >= 0).astype(jnp.int32) for p in place) - 1
         hole = place[k]
         place = [jnp.where(goes & (p == last), hole, p) for p in place]
