@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,16 +19,23 @@ from iphyre_jax.physics import broadphase, lanes
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.physics.narrowphase import Segment, Touch, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.types import STATIC, Box, BroadPhase, State, Topology, World
-from iphyre_jax.physics.vector import Vec, dot, product
+from iphyre_jax.physics.vector import Vec, dot, product, rounds_as_reference
+
+Tree = TypeVar("Tree")
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Shapes:
-    """All shapes in the world frame. m moving bars, then S static ones; balls."""
+    """All shapes. m moving bars, then S static ones; balls.
 
-    bars: Segment  # (m + S,)
+    The reference computes contacts in the world frame, and so does float64. In float32 coordinates of hundreds of px
+    cost three digits, so there all is relative: bars to their centres here, pairs to the first body in `_visit`.
+    """
+
+    bars: Segment  # (m + S,) in the world frame; in float32 relative to the bar's centre
     bar_centre: Vec  # (m + S,) px
+    bar_residue: Vec  # (m + S,) px, belongs to the centre; no rows in float64
     bar_box: Box  # (m + S,)
     ball_box: Box  # (balls,)
     ball_centre: Vec  # (balls,) px
@@ -60,14 +68,30 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
         y = product(turn.y, local.x) + product(turn.x, local.y)
         return Vec(x, y)
 
-    moving = Segment(place(world.bar_a) + centre, place(world.bar_b) + centre, place(world.bar_normal))
+    moving = Segment(place(world.bar_a), place(world.bar_b), place(world.bar_normal))
     static = Segment(world.static_a, world.static_b, world.static_normal)
-    bars = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), moving, static)
-    bar_centre = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), centre, world.static_centre)
+    residue = state.residue[:0]
+    if rounds_as_reference(centre):
+        bars = _join(_shifted(moving, centre), static)
+        in_world = bars
+    else:
+        bars = _join(moving, _shifted(static, -world.static_centre))
+        in_world = _join(_shifted(moving, centre), static)
+        residue = _join(state.residue[:m], jax.tree.map(jnp.zeros_like, world.static_centre))
+    bar_centre = _join(centre, world.static_centre)
     alive = jnp.concatenate([jnp.ones_like(state.alive[:1]).repeat(m, 0), state.alive]) if m else state.alive
     balls, r = state.position[m:], world.radius
     ball_box = Box(balls.x - r, balls.y - r, balls.x + r, balls.y + r)
-    return Shapes(bars, bar_centre, _bar_box(bars), ball_box, balls, alive)
+    return Shapes(bars, bar_centre, residue, _bar_box(in_world), ball_box, balls, alive)
+
+
+def _join(first: Tree, second: Tree) -> Tree:
+    """Concatenate the rows of two trees."""
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), first, second)
+
+
+def _shifted(bars: Segment, by: Vec) -> Segment:
+    return Segment(bars.a + by, bars.b + by, bars.normal)
 
 
 def _bar_box(bar: Segment) -> Box:
@@ -79,9 +103,27 @@ def _bar_box(bar: Segment) -> Box:
 
 def moving_boxes(topology: Topology, shapes: Shapes) -> Box:
     """Return the exact boxes of the moving bodies, bars first."""
-    return jax.tree.map(
-        lambda bars, balls: jnp.concatenate([bars[: topology.bars], balls]), shapes.bar_box, shapes.ball_box
-    )
+    return _join(jax.tree.map(lambda bars: bars[: topology.bars], shapes.bar_box), shapes.ball_box)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Where the bodies of a pair are in the frame in which their contact is computed."""
+
+    apart: Vec  # px, from the first body's centre to the second's
+    first: Vec  # px, centre of the first body
+    second: Vec
+    shift: Vec | None  # px, takes the second body's bar into the frame; None: it is there
+
+
+def _pair(first: Vec, second: Vec, residue: Callable[[], tuple[Vec, Vec]]) -> Pair:
+    """Return the world frame in float64; in float32 the first body's, with what rounding took from the positions."""
+    apart = second - first
+    if rounds_as_reference(apart):
+        return Pair(apart, first, second, None)
+    of_first, of_second = residue()
+    apart = apart + (of_second - of_first)
+    return Pair(apart, jax.tree.map(jnp.zeros_like, apart), apart, apart)
 
 
 @dataclass(frozen=True)
@@ -90,7 +132,7 @@ class _Kind:
 
     pairs: tuple[tuple[int, int], ...]
     overlap: jax.Array  # (pairs, *lanes) bool
-    points: Callable[[jax.Array, jax.Array], tuple[Touch, ...]]
+    points: Callable[[jax.Array, jax.Array, Pair], tuple[Touch, ...]]
     bodies: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]  # moving-body index or -(1 + static) each
     first_id: int
 
@@ -105,7 +147,7 @@ def collide(
     rows, count = _empty(capacity, like), jnp.int32(0)
     for kind in _kinds(topology, world, shapes):
         if kind.pairs:
-            rows, count = _visit(topology, world, broad, rank, state.position, shapes.bar_centre, kind, rows, count)
+            rows, count = _visit(topology, world, broad, rank, state, shapes, kind, rows, count)
     return _pack(topology, rows, count, like)
 
 
@@ -116,19 +158,18 @@ def _kinds(topology: Topology, world: World, shapes: Shapes) -> list[_Kind]:
     def body_of_bar(bar: jax.Array) -> jax.Array:
         return jnp.where(bar < m, bar, m - 1 - bar)
 
-    def ball_bar_points(ball: jax.Array, bar: jax.Array) -> tuple[Touch, ...]:
-        return (
-            circle_segment(
-                lanes.row(shapes.ball_centre, ball), lanes.row(world.radius, ball), lanes.row(shapes.bars, bar)
-            ),
-        )
+    def second_bar(bar: jax.Array, pair: Pair) -> Segment:
+        segment = lanes.row(shapes.bars, bar)
+        return segment if pair.shift is None else _shifted(segment, pair.shift)
 
-    def ball_ball_points(i: jax.Array, j: jax.Array) -> tuple[Touch, ...]:
-        one, two = (lanes.row(shapes.ball_centre, k) for k in (i, j))
-        return (circle_circle(one, lanes.row(world.radius, i), two, lanes.row(world.radius, j)),)
+    def ball_bar_points(ball: jax.Array, bar: jax.Array, pair: Pair) -> tuple[Touch, ...]:
+        return (circle_segment(pair.first, lanes.row(world.radius, ball), second_bar(bar, pair)),)
 
-    def bar_bar_points(i: jax.Array, j: jax.Array) -> tuple[Touch, ...]:
-        return segment_segment(lanes.row(shapes.bars, i), lanes.row(shapes.bars, j))
+    def ball_ball_points(i: jax.Array, j: jax.Array, pair: Pair) -> tuple[Touch, ...]:
+        return (circle_circle(pair.first, lanes.row(world.radius, i), pair.second, lanes.row(world.radius, j)),)
+
+    def bar_bar_points(i: jax.Array, j: jax.Array, pair: Pair) -> tuple[Touch, ...]:
+        return segment_segment(lanes.row(shapes.bars, i), second_bar(j, pair))
 
     balls_overlap = [
         broadphase.overlap(*(jax.tree.map(lambda a, k=k: a[k : k + 1], shapes.ball_box) for k in pair))
@@ -176,8 +217,8 @@ def _visit(
     world: World,
     broad: BroadPhase,
     rank: jax.Array,
-    position: Vec,
-    bar_centre: Vec,
+    state: State,
+    shapes: Shapes,
     kind: _Kind,
     rows: Points,
     count: jax.Array,
@@ -195,15 +236,22 @@ def _visit(
         first, second = kind.bodies(i, j)
         is_static = second < 0
         key, first_is_a = _key(topology, world, broad, rank, first, second)
-        centre_first = lanes.row(position, first)
-        centre_second = jax.lax.cond(
-            is_static,
-            lambda: lanes.row(bar_centre, m - 1 - second),
-            lambda: lanes.row(position, jnp.maximum(second, 0)),
+
+        def second_row(of_bars: Vec, of_bodies: Vec) -> Vec:
+            return jax.lax.cond(
+                is_static,
+                lambda: lanes.row(of_bars, m - 1 - second),
+                lambda: lanes.row(of_bodies, jnp.maximum(second, 0)),
+            )
+
+        pair_at = _pair(
+            lanes.row(state.position, first),
+            second_row(shapes.bar_centre, state.position),
+            lambda: (lanes.row(state.residue, first), second_row(shapes.bar_residue, state.residue)),
         )
-        touches = kind.points(i, j)
+        touches = kind.points(i, j, pair_at)
         for place, touch in enumerate(touches):
-            arm_first, arm_second = touch.on_first - centre_first, touch.on_second - centre_second
+            arm_first, arm_second = touch.on_first - pair_at.first, touch.on_second - pair_at.second
             touching = touch.touching & overlap
             order = key if len(touches) == 1 else key | jnp.where(first_is_a, place, 1 - place)
             point = Points(
@@ -214,7 +262,7 @@ def _visit(
                 touch.normal,
                 arm_first,
                 arm_second,
-                dot((arm_second - arm_first) + (centre_second - centre_first), touch.normal),
+                dot((arm_second - arm_first) + pair_at.apart, touch.normal),
             )
             rows, count = lanes.set_row(rows, count, point), count + 1
         return words, rows, count

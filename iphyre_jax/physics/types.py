@@ -154,6 +154,7 @@ class State:
     """All that the next step needs of one world, and nothing that can be computed."""
 
     position: Vec  # (n,) px
+    residue: Vec  # (n,) px, what float32 rounds off the position; no rows in float64, which rounds as the reference
     angle: jax.Array  # (n,) rad
     motion: Motion  # (n,)
     alive: jax.Array  # (S,) bool, static bars still there

@@ -51,6 +51,11 @@ class Vec:
         return jax.tree.map(lambda leaf: leaf[index], self)
 
 
+def rounds_as_reference(like: Vec) -> bool:
+    """Return whether the arithmetic must round as the reference's (float64), or may be more accurate (float32)."""
+    return like.x.dtype == jnp.float64
+
+
 def dot(a: Vec, b: Vec) -> jax.Array:
     """Return a . b."""
     return product(a.x, b.x) + product(a.y, b.y)
