@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from iphyre_jax.configuration import Configuration, configure
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
     from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
@@ -18,9 +19,11 @@ __version__ = "0.1.0"
 __all__ = [
     "GAMES",
     "SPLITS",
+    "Configuration",
     "Scene",
     "Simulation",
     "__version__",
+    "configure",
     "load_scene",
     "plan_to_steps",
     "rollout",
@@ -39,6 +42,8 @@ _HOME = {
     "simulate_many": "simulation",
     "plan_to_steps": "plans",
     "rollout": "rollouts",
+    "configure": "configuration",
+    "Configuration": "configuration",
 }
 
 

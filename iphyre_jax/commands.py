@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.configuration import OFF_WORDS, configure
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, load_scene
 from iphyre_jax.simulation import simulate
@@ -23,6 +25,7 @@ from iphyre_jax.train.report import COLUMNS, TITLES, split_rows
 
 INTERRUPTED = 130
 NEVER_WORDS = ("never", "-")
+CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,10 @@ Command = Train | Evaluate | Simulate | Games
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Parse the arguments, do what they ask and return the exit code."""
+    """Parse the arguments, do what they ask and return the exit code.
+
+    Calls `configure` first, unless the environment variable IPHYRE_JAX_CONFIGURE is "off".
+    """
     command: Command = tyro.cli(
         Annotated[Train, tyro.conf.subcommand("train")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
@@ -85,6 +91,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         description="I-PHYRE in JAX: train and evaluate agents, play plans, list games.",
         args=None if arguments is None else list(arguments),
     )
+    if not isinstance(command, Games) and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS:
+        configure()
     console = Console()
     if isinstance(command, Train):
         return _train(command, console)

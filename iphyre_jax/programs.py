@@ -6,7 +6,6 @@ in chunks of a fixed number of lanes. Chunks are independent, so they are handed
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax import rollouts
+from iphyre_jax import configuration, rollouts
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.scenes.build import build
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE
@@ -94,10 +93,11 @@ def play(chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int]) -> Iter
 
 
 @cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="iphyre_jax")
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="iphyre_jax")
 
 
 def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """Run `work` on all items on all cores and return the results in order; the first error is raised."""
-    return [future.result() for future in [_threads().submit(work, item) for item in items]]
+    """Run `work` on all items, on the threads configured, and return the results in order; raise the first error."""
+    pool = _pool(configuration.threads())
+    return [future.result() for future in [pool.submit(work, item) for item in items]]

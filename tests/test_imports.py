@@ -22,6 +22,9 @@ PARTS = (
     "reward",
     "plans",
     "observe",
+    "private_folder",
+    "compiler_options",
+    "configuration",
     "programs",
     "simulation",
     "env",
@@ -77,7 +80,7 @@ flags = dict(jax.config.values)
 before = set(sys.modules)
 import iphyre_jax
 iphyre_jax.load_scene("support")
-iphyre_jax.simulate, iphyre_jax.rollout, iphyre_jax.plan_to_steps
+iphyre_jax.simulate, iphyre_jax.rollout, iphyre_jax.plan_to_steps, iphyre_jax.configure
 from jax._src import xla_bridge
 assert not xla_bridge._backends, "a backend was started"
 assert flags == dict(jax.config.values), "a flag was changed"
