@@ -83,11 +83,12 @@ def test_import_sets_nothing(cache: Path) -> None:
 
 
 def test_what_the_user_has_set_stays(cache: Path, tmp_path: Path) -> None:
-    theirs = f"--xla_cpu_enable_fast_math=false {compiler_options.FLAG}xla_cpu_use_multi_output_fusion=false"
+    name, *others = compiler_options.OPTIONS
+    theirs = f"--xla_cpu_enable_fast_math=false {compiler_options.FLAG}{name}=0"
     own = str(tmp_path / "own")
     code = "made = iphyre_jax.configure()\nresult = [made.xla_flags, str(made.cache)]"
     flags, folder = python(code, cache, {"XLA_FLAGS": theirs, "JAX_COMPILATION_CACHE_DIR": own})
-    rest = {k: v for k, v in compiler_options.OPTIONS.items() if k != "xla_cpu_use_multi_output_fusion"}
+    rest = {other: compiler_options.OPTIONS[other] for other in others}
     assert flags == f"{theirs} {compiler_options.flag(rest)}"
     assert folder == own
 
