@@ -3,13 +3,14 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
+OFFICIAL_VENV := build/official-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity wheel bench clean
+.PHONY: help venv run test lint parity parity-official wheel bench clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 16
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
 
 venv: .venv/.stamp ## make .venv with everything that the other targets need
 
@@ -32,6 +33,12 @@ lint: .venv/.stamp ## ruff and mypy only
 
 parity: .venv/.stamp ## compare every game with pymunk, over whole runs
 	$(PY) -m parity
+
+parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
+	$(PYTHON) -m venv $(OFFICIAL_VENV)
+	$(OFFICIAL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'iphyre==0.2.3' 'pymunk==6.11.1' 'numpy<2' pygame
+	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz
+	$(PY) -m parity.environments build/official.npz
 
 wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras
 	rm -rf dist $(WHEEL_VENV)

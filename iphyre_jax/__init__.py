@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from iphyre_jax.configuration import Configuration, configure
+    from iphyre_jax.envs import Environment, EnvParams, EnvState, environment_ids, make, register
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
     from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
@@ -20,12 +21,18 @@ __all__ = [
     "GAMES",
     "SPLITS",
     "Configuration",
+    "EnvParams",
+    "EnvState",
+    "Environment",
     "Scene",
     "Simulation",
     "__version__",
     "configure",
+    "environment_ids",
     "load_scene",
+    "make",
     "plan_to_steps",
+    "register",
     "rollout",
     "simulate",
     "simulate_many",
@@ -42,6 +49,12 @@ _HOME = {
     "simulate_many": "simulation",
     "plan_to_steps": "plans",
     "rollout": "rollouts",
+    "Environment": "envs",
+    "EnvParams": "envs",
+    "EnvState": "envs",
+    "environment_ids": "envs",
+    "make": "envs",
+    "register": "envs",
     "configure": "configuration",
     "Configuration": "configuration",
 }

@@ -28,6 +28,8 @@ PARTS = (
     "programs",
     "simulation",
     "env",
+    "drawing",
+    "envs",
     "train",
     "commands",
     "cli",

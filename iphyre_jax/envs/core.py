@@ -1,0 +1,214 @@
+"""The environment: pure functions of keys, states, actions and parameters, in the shape that gymnax has today.
+
+    obs, state = env.reset(key, params)
+    obs, state, reward, terminated, truncated, info = env.step(key, state, action, params)
+
+All of them are written for one world; `jax.vmap` makes a batch of any mixture of the parameters' games.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, motion, official_rows, standing
+from iphyre_jax.envs.mixture import Mixture, Stretch
+from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, row
+from iphyre_jax.envs.protocols import Protocol
+from iphyre_jax.envs.spaces import Box, Space
+from iphyre_jax.envs.strategies import Ending, Strategy
+from iphyre_jax.physics.types import Timing
+from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
+from iphyre_jax.rollouts import Outcome
+from iphyre_jax.scenes import MAX_ELIMINABLE
+from iphyre_jax.scenes.build import timing
+
+ObservationName = Literal["official", "motion", "image"]
+Info = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A strategy over games of some topologies; hashable, hence static under `jax.jit`.
+
+    Attributes:
+        name: its id, if it has one.
+        strategy: how actions become removals.
+        protocol: physics steps under the decisions.
+        mixture: topologies that the parameters may hold.
+        dtype: of the physics, "float32" or "float64".
+        observation: "official", the twelve rows and the candidates, float32 in [0, 1]; "motion", the same with
+            velocities and time, Markov but for the solver's cached impulses; "image", (size, size, 3) uint8.
+        image_size: px, side of an image; 0 without images.
+        autoreset: whether an episode that has ended is followed by a new one in the same step.
+    """
+
+    name: str
+    strategy: Strategy
+    protocol: Protocol
+    mixture: Mixture
+    dtype: str = "float32"
+    observation: ObservationName = "official"
+    image_size: int = 0
+    autoreset: bool = True
+
+    def params(self, scenes: tuple[SceneLike, ...] | list[SceneLike]) -> EnvParams:
+        """Return parameters of other games of the same topologies.
+
+        Args:
+            scenes: names, files or scenes; an episode begins with one of them at random.
+
+        Raises:
+            ValueError: no scenes, a bad one, or one of another topology; one line.
+            OSError: a scene file cannot be read.
+        """
+        return make_params(load_scenes(scenes), self.mixture, self.protocol, self.dtype)
+
+    @partial(jax.jit, static_argnums=0)
+    def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        """Begin an episode of one of the games, each as probable as the others.
+
+        Args:
+            key: random key, typed (`jax.random.key`) or not (`jax.random.PRNGKey`).
+            params: the games.
+
+        Returns:
+            The observation (see `observation_space`) and the state.
+        """
+        return self.reset_to(jax.random.randint(key, (), 0, params.games, jnp.int32), params)
+
+    @partial(jax.jit, static_argnums=0)
+    def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        """Begin an episode of a given game.
+
+        Args:
+            game: () int32, row of the parameters.
+            params: the games.
+
+        Returns:
+            As `reset`.
+        """
+        self._check_dtype()
+        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(MAX_ELIMINABLE, bool))
+        return self.observe(state, params), state
+
+    @partial(jax.jit, static_argnums=0)
+    def step(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
+        """Play one decision.
+
+        Without autoreset an episode that has ended stays as it is, with a reward of 0 and the same flags.
+
+        Args:
+            key: random key for the game that follows under autoreset.
+            state: of the episode.
+            action: a member of `action_space`; other numbers, NaN included, do nothing.
+            params: the games.
+
+        Returns:
+            The observation, the state, the reward (() float32: 1000 if solved, -10 a removed block, -1 a second), the
+            official flags terminated and truncated (() bool) and the info of the transition: `info` of the state before
+            any reset.
+        """
+        self._check_dtype()
+        after, reward = self._play(state, action, params)
+        ending = self._ending(after)
+        info = self.info(after, params)
+        if self.autoreset:
+            fresh = self.reset(key, params)
+            done = ending.terminated | ending.truncated
+            going = info["final_observation"], after
+            seen, after = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, going)
+            return seen, after, reward, *ending, info
+        return info["final_observation"], after, reward, *ending, info
+
+    @partial(jax.jit, static_argnums=0)
+    def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
+        """Return what an agent sees of a state."""
+        features, world = row(params.features, state.game), row(params.world, state.game)
+        if self.observation == "image":
+            from iphyre_jax.envs.images import image
+
+            return image(features, world, state.progress, self.image_size)
+        seen = [official_rows(features, world, state.progress)]
+        if self.strategy.no_op_candidate:
+            seen.append(jnp.zeros(2, jnp.float32))
+        seen.append(features.candidates.reshape(-1))
+        if self.observation == "motion":
+            seen.append(motion(features, state.progress, self.protocol))
+        return jnp.concatenate(seen)
+
+    def info(self, state: EnvState, params: EnvParams) -> Info:
+        """Return what there is to know of a state beside its observation; the tree of `step` and after `reset` alike.
+
+        Returns:
+            success, () bool; fault, () int32, 0 for a sound world (see `iphyre_jax.rollouts`); eliminations, () int32,
+            blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; final_observation,
+            what an agent sees of this state.
+        """
+        outcome = state.progress.outcome
+        return {
+            "success": outcome.success,
+            "fault": outcome.fault,
+            "eliminations": outcome.eliminations,
+            "time": outcome.steps.astype(jnp.float32) / self.protocol.fps,
+            "game": state.game,
+            "final_observation": self.observe(state, params),
+        }
+
+    def action_space(self, params: EnvParams | None = None) -> Space:
+        """Return the space of actions, the same for all games."""
+        del params
+        return self.strategy.action_space()
+
+    def observation_space(self, params: EnvParams | None = None) -> Box:
+        """Return the space of observations, the same for all games."""
+        del params
+        if self.observation == "image":
+            return Box(0, 255, (self.image_size, self.image_size, 3), "uint8")
+        size = ROWS_SIZE + 2 * (MAX_ELIMINABLE + self.strategy.no_op_candidate)
+        if self.observation == "motion":
+            return Box(float("-inf"), float("inf"), (size + MOTION_SIZE,))
+        return Box(0.0, 1.0, (size,))
+
+    @property
+    def num_actions(self) -> int:
+        """Number of actions of a discrete strategy, length of an action of the others."""
+        space = self.strategy.action_space()
+        return space.shape[0] if isinstance(space, Box) else space.n
+
+    def _play(self, state: EnvState, action: jax.Array, params: EnvParams) -> tuple[EnvState, jax.Array]:
+        """Play one decision; an episode that has ended stays as it is."""
+        world, before = row(params.world, state.game), state.progress
+        order = self.strategy.order(action, before.state.step, state.used, standing(world, before), self.protocol)
+        ended = jnp.any(jnp.stack(self._ending(state)))
+        until = jnp.where(ended, before.state.step, order.until)
+        stretch = Stretch(world, jnp.asarray(params.kind)[state.game], order.plan, until)
+        progress = self.mixture.play(_opaque(timing(self.protocol.fps, self.dtype)), stretch, before)
+        used = jnp.where(ended, state.used, order.used)
+        return replace(state, progress=progress, used=used), self._reward(before.outcome, progress.outcome)
+
+    def _reward(self, before: Outcome, after: Outcome) -> jax.Array:
+        solved = (after.success & ~before.success).astype(jnp.float32)
+        removed = (after.eliminations - before.eliminations).astype(jnp.float32)
+        seconds = (after.steps - before.steps).astype(jnp.float32) / self.protocol.fps
+        return SUCCESS_REWARD * solved + (ELIMINATION_REWARD * removed + SECOND_REWARD * seconds)
+
+    def _ending(self, state: EnvState) -> Ending:
+        outcome = state.progress.outcome
+        stopped = (state.progress.state.step >= self.protocol.steps) | (outcome.fault != 0)
+        return self.strategy.ending(outcome.success, stopped)
+
+    def _check_dtype(self) -> None:
+        if jax.dtypes.canonicalize_dtype(self.dtype) != self.dtype:
+            raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
+
+
+def _opaque(times: Timing) -> Timing:
+    """Return the time step out of the compiler's sight: as a constant, its divisions would round otherwise."""
+    return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, times))

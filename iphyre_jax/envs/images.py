@@ -1,0 +1,66 @@
+"""Observations as pictures."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.drawing import Drawing, colours, draw
+from iphyre_jax.envs.features import Features, object_table
+from iphyre_jax.physics.types import World
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+
+
+def image(features: Features, world: World, progress: Progress, size: int) -> jax.Array:
+    """Return the picture of a world, (size, size, 3) uint8; white for a world that is no longer finite."""
+    drawing = drawing_of(features, world, progress)
+    sound = progress.outcome.fault != FAULT_NOT_FINITE
+    return jnp.where(sound, draw(drawing, size), jnp.full((), 255, jnp.uint8))
+
+
+def drawing_of(features: Features, world: World, progress: Progress) -> Drawing:
+    """Return what a picture of a world shows."""
+    table, there = object_table(features, world, progress)
+    start = features.rows
+    ball = (start[:, 0] == start[:, 2]) & (start[:, 1] == start[:, 3])  # no bar is so short
+    centre = jnp.stack([(table[:, 0] + table[:, 2]) / 2, (table[:, 1] + table[:, 3]) / 2], axis=1)
+    spokes, spoke_length = _spokes(features, ball, progress)
+    joints, joint_there = _links(features.joints, centre, there)
+    springs, spring_there = _links(features.springs, centre, there)
+    return Drawing(
+        ends=table[:, :4],
+        radius=start[:, 4],
+        colour=colours(ball, start[:, 5] > 0, start[:, 6] > 0),
+        there=there,
+        spokes=spokes,
+        spoke_length=spoke_length,
+        joints=joints,
+        springs=springs,
+        joint_there=joint_there,
+        spring_there=spring_there,
+    )
+
+
+def _spokes(features: Features, ball: jax.Array, progress: Progress) -> tuple[jax.Array, jax.Array]:
+    """Return the radii that show the balls' angles, (n, 4) px, and their lengths, 0 for bodies that are no balls."""
+    position, angle = progress.state.position, progress.state.angle
+    index = jnp.arange(ball.shape[0], dtype=jnp.int32)
+    spokes, lengths = [], []
+    for body in range(features.mover.shape[0]):
+        x, y = position.x[body], position.y[body]
+        here = (index == features.mover[body]) & ball
+        length = jnp.sum(jnp.where(here, features.rows[:, 4], 0))
+        spokes.append(jnp.stack([x, y, x + length * jnp.cos(angle[body]), y + length * jnp.sin(angle[body])]))
+        lengths.append(length)
+    return jnp.stack(spokes), jnp.stack(lengths)
+
+
+def _links(pairs: jax.Array, centre: jax.Array, there: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Return the ends of the links between marked objects, (L, 4) px, and which links are there, (L,)."""
+    ends = jnp.zeros((pairs.shape[0], 4), centre.dtype)
+    if not pairs.shape[0]:
+        return ends, jnp.zeros(0, bool)
+    first = jnp.argmax(pairs, axis=1)
+    last = pairs.shape[1] - 1 - jnp.argmax(pairs[:, ::-1], axis=1)
+    ends = jnp.concatenate([centre[first], centre[last]], axis=1)
+    return ends, jnp.any(pairs, axis=1) & ~jnp.any(pairs & ~there[None, :], axis=1)

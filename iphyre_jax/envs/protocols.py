@@ -1,0 +1,57 @@
+"""How an episode is timed: the paper's learning protocol, and the same decisions over finer physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+FRAMES: Final = 150  # decisions of 0.1 s in the 15 s of an episode
+FRAMES_PER_SECOND: Final = 10
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Physics under the decisions, which come every 0.1 s whatever the physics.
+
+    Attributes:
+        name: by which `make` knows it.
+        fps: physics steps a second, a multiple of 10.
+        resets: number of the reset of the reused space that is played; it decides the order of contacts.
+    """
+
+    name: str
+    fps: int
+    resets: int
+
+    @property
+    def steps_per_frame(self) -> int:
+        """Physics steps from one decision to the next."""
+        return self.fps // FRAMES_PER_SECOND
+
+    @property
+    def steps(self) -> int:
+        """Physics steps of an episode that is not solved."""
+        return FRAMES * self.steps_per_frame
+
+
+PROTOCOLS: Final[Mapping[str, Protocol]] = MappingProxyType(
+    {
+        # The official environments fill their space twice before they play.
+        "official": Protocol("official", fps=10, resets=2),
+        # What people play at: 60 steps a second in a fresh space.
+        "smooth": Protocol("smooth", fps=60, resets=1),
+    }
+)
+
+
+def protocol_named(name: object) -> Protocol:
+    """Return a protocol.
+
+    Raises:
+        ValueError: there is none of this name; one line.
+    """
+    if isinstance(name, str) and name in PROTOCOLS:
+        return PROTOCOLS[name]
+    raise ValueError(f"protocol: expected one of {', '.join(PROTOCOLS)}, got {name!r}")

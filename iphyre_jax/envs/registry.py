@@ -1,0 +1,116 @@
+"""Environments by name: "strategy/games-vN". A change of physics or rules gives a new number, and old results stay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Final, get_args
+
+from iphyre_jax.envs.core import Environment, ObservationName
+from iphyre_jax.envs.params import EnvParams, SceneLike, load_scenes, make_params, mixture_of
+from iphyre_jax.envs.protocols import protocol_named
+from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
+from iphyre_jax.scenes import GAMES, SPLITS
+
+VERSION: Final = "v1"  # of the physics and of the strategies' rules
+
+_DTYPES: Final = ("float32", "float64")
+_MAX_IMAGE: Final = 2400  # px
+_REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
+
+
+def _known() -> dict[str, tuple[SceneLike, ...]]:
+    """Return the sets of games by name: the forty as "all", the splits, and every game by itself."""
+    sets: dict[str, tuple[SceneLike, ...]] = {"all": GAMES, **SPLITS}
+    sets.update({game: (game,) for games in SPLITS.values() for game in games})
+    return {f"{name}-{VERSION}": games for name, games in sets.items()} | _REGISTERED
+
+
+def environment_ids() -> tuple[str, ...]:
+    """Return every id that `make` knows: three strategies for each set of games."""
+    return tuple(f"{strategy}/{games}" for strategy in STRATEGIES for games in _known())
+
+
+def register(name: str, scenes: Sequence[SceneLike]) -> None:
+    """Give a name to a set of games of your own, under all three strategies.
+
+    Args:
+        name: with a version, as "mine-v1", which makes "in-advance/mine-v1" and so on.
+        scenes: names, files or scenes; read when the environment is made.
+
+    Raises:
+        ValueError: the name has another form or is taken, or there are no scenes; one line.
+    """
+    stem, _, version = name.rpartition("-v") if isinstance(name, str) else ("", "", "")
+    if not stem or not version.isdigit() or "/" in stem:
+        raise ValueError(f'name: expected the form "mine-v1", got {name!r}')
+    if name in _known():
+        raise ValueError(f"name: expected one that is free, but {name} is registered")
+    if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not scenes:
+        raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
+    _REGISTERED[name] = tuple(scenes)
+
+
+def make(
+    id: str,  # the word of gymnasium and gymnax
+    *,
+    protocol: str = "official",
+    dtype: str = "float32",
+    observation: ObservationName = "official",
+    image_size: int | None = None,
+    autoreset: bool = True,
+    official_bugs: bool = False,
+) -> tuple[Environment, EnvParams]:
+    """Return an environment and the parameters with its games.
+
+    Args:
+        id: "strategy/games-v1": a strategy ("in-advance", "on-the-fly", "combined") and a split, "all" (the forty), a
+            game, or a name given to `register`.
+        protocol: "official", 10 physics steps a second in the second reset of a space, as the paper's agents play;
+            "smooth", 60 steps a second in a fresh space, as people do. Decisions come every 0.1 s in both.
+        dtype: of the physics, "float32" or "float64"; the latter is used under `jax.enable_x64(True)`.
+        observation: "official", "motion" or "image"; see `Environment`.
+        image_size: px, side of the images (with observation="image" only; 600 by default, as the official ones).
+        autoreset: whether `step` begins the next episode when one ends; the last observation is in
+            info["final_observation"] either way.
+        official_bugs: reproduce plain faults of the official code too: the 151st frame of the combined strategy.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
+    strategy, _, games = id.partition("/") if isinstance(id, str) else ("", "", "")
+    sets = _known()
+    if strategy not in STRATEGIES or games not in sets:
+        close = get_close_matches(str(id), environment_ids(), n=3)
+        hint = f"did you mean {' or '.join(close)}?" if close else 'they look like "in-advance/basic-v1"'
+        raise ValueError(f"id: expected one of iphyre_jax.environment_ids(), got {id!r} ({hint})")
+    if dtype not in _DTYPES:
+        raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
+    if observation not in get_args(ObservationName):
+        raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
+    timing = protocol_named(protocol)
+    scenes = load_scenes(sets[games])
+    mixture = mixture_of(scenes, timing, dtype)
+    environment = Environment(
+        name=id,
+        strategy=strategy_named(strategy, official_bugs=official_bugs),
+        protocol=timing,
+        mixture=mixture,
+        dtype=dtype,
+        observation=observation,
+        image_size=_image_size(image_size, observation),
+        autoreset=autoreset,
+    )
+    return environment, make_params(scenes, mixture, timing, dtype)
+
+
+def _image_size(size: int | None, observation: str) -> int:
+    if observation != "image":
+        if size is not None:
+            raise ValueError('image_size: expected none without observation="image"')
+        return 0
+    if size is None:
+        return 600
+    if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= _MAX_IMAGE:
+        raise ValueError(f"image_size: expected a whole number of px from 1 to {_MAX_IMAGE}, got {size!r}")
+    return size

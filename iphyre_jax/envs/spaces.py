@@ -1,0 +1,72 @@
+"""Spaces of actions and observations: shape, type, bounds, sampling and membership, without any library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True)
+class Box:
+    """Arrays of one shape and type between two bounds.
+
+    Attributes:
+        low: lower bound of every entry; -inf for none.
+        high: upper bound of every entry, included; inf for none.
+        shape: of the arrays.
+        dtype: "float32" or "uint8".
+    """
+
+    low: float
+    high: float
+    shape: tuple[int, ...]
+    dtype: str = "float32"
+
+    def sample(self, key: jax.Array) -> jax.Array:
+        """Return a random member: uniform between the bounds, standard normal where there are none."""
+        if not np.isfinite([self.low, self.high]).all():
+            return jax.random.normal(key, self.shape, jnp.float32)
+        if self.dtype == "uint8":
+            return jax.random.randint(key, self.shape, int(self.low), int(self.high) + 1, np.int32).astype(self.dtype)
+        return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
+
+    def contains(self, value: npt.ArrayLike) -> bool:
+        """Return whether a value has the shape and type and lies between the bounds (host)."""
+        array: np.ndarray[Any, Any] = np.asarray(value)
+        inside = array.shape == self.shape and array.dtype == np.dtype(self.dtype)
+        return inside and bool(((array >= self.low) & (array <= self.high)).all())
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """The whole numbers 0 .. n - 1.
+
+    Attributes:
+        n: how many.
+        dtype: of a sample.
+    """
+
+    n: int
+    dtype: str = "int32"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """A member has no axes."""
+        return ()
+
+    def sample(self, key: jax.Array) -> jax.Array:
+        """Return a random member, () int32."""
+        return jax.random.randint(key, (), 0, self.n, self.dtype)
+
+    def contains(self, value: npt.ArrayLike) -> bool:
+        """Return whether a value is one whole number of the range (host)."""
+        array = np.asarray(value)
+        return array.shape == () and array.dtype.kind in "iu" and 0 <= int(array) < self.n
+
+
+Space = Box | Discrete

@@ -1,0 +1,181 @@
+"""The paper's three strategies: how an action becomes removals, how far it plays, and what its end is called.
+
+A strategy reads an action at the start of a frame (0.1 s) and answers with steps: before which physics step each slot's
+block goes, and up to which step to play. Slots that stand for no block, or for one that is gone, do nothing and cost
+nothing. Source: `IPHYRE_inadvance`, `IPHYRE_onthefly` and `IPHYRE_combine` of the official repository.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.envs.protocols import FRAMES, Protocol
+from iphyre_jax.envs.spaces import Box, Discrete, Space
+from iphyre_jax.scenes import MAX_ELIMINABLE
+
+StrategyName = Literal["in-advance", "on-the-fly", "combined"]
+
+TIME_LIMIT: Final = 15.0  # s
+NEVER: Final = -1
+
+
+class Order(NamedTuple):
+    """What an action asks of the physics."""
+
+    plan: jax.Array  # (6,) int32, the step before which each slot's block goes, -1 for never
+    until: jax.Array  # () int32, steps made when the next action is due
+    used: jax.Array  # (6,) bool, slots that were ever executed
+
+
+class Ending(NamedTuple):
+    """The flags of a transition, () bool each."""
+
+    terminated: jax.Array
+    truncated: jax.Array
+
+
+@dataclass(frozen=True)
+class InAdvance:
+    """All times are given at the start: six shares of 15 s, one decision an episode.
+
+    A time is rounded to 0.1 s; 0 and anything from 15.0 s on means that the block stays. Of equal times only that of
+    the lowest slot counts, the others are lost. Success is reported as terminated, failure as truncated.
+    """
+
+    name: StrategyName = "in-advance"
+    no_op_candidate: bool = False
+
+    def action_space(self) -> Space:
+        """Return the space of actions: (6,) float32 in [0, 1]."""
+        return Box(0.0, 1.0, (MAX_ELIMINABLE,))
+
+    def order(
+        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+    ) -> Order:
+        """Return what an action asks for; see `Strategy`."""
+        instant = instants(action)
+        counts = _is_lowest(instant) & (instant >= 1) & (instant < FRAMES)
+        plan = jnp.where(counts, instant * protocol.steps_per_frame, NEVER)
+        return Order(plan, jnp.full_like(step, protocol.steps), used)
+
+    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
+        """Return the flags of a transition; see `Strategy`."""
+        return Ending(success, out_of_time & ~success)
+
+
+@dataclass(frozen=True)
+class OnTheFly:
+    """Every 0.1 s one of seven: 0 does nothing, i removes the block of slot i - 1.
+
+    A game solved in the last frame is terminated and truncated at once.
+    """
+
+    name: StrategyName = "on-the-fly"
+    no_op_candidate: bool = True
+
+    def action_space(self) -> Space:
+        """Return the space of actions: a whole number from 0 to 6."""
+        return Discrete(MAX_ELIMINABLE + 1)
+
+    def order(
+        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+    ) -> Order:
+        """Return what an action asks for; see `Strategy`."""
+        slot = jnp.arange(1, MAX_ELIMINABLE + 1, dtype=jnp.int32)
+        plan = jnp.where(jnp.asarray(action).astype(jnp.int32) == slot, step, NEVER)
+        return Order(plan, step + protocol.steps_per_frame, used)
+
+    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
+        """Return the flags of a transition; see `Strategy`."""
+        return Ending(success, out_of_time)
+
+
+@dataclass(frozen=True)
+class Combined:
+    """Six shares of 15 s on the episode's clock, given anew after each removal.
+
+    An action plays up to and including the frame of the first removal that is due from now on; later times may change,
+    earlier ones are gone by. A slot executes once: if its time comes first again it does nothing, and neither does
+    another slot of the same time. With nothing due the action plays to the end.
+
+    Attributes:
+        late_frame: reproduce a fault of the official code, whose clock has a 151st frame if the last action starts at
+            one of 19 frames (87, 92, 97, 102, ...): it costs 0.1 more, and a time of 15.0 s can be executed in it.
+    """
+
+    name: StrategyName = "combined"
+    no_op_candidate: bool = False
+    late_frame: bool = False
+
+    def action_space(self) -> Space:
+        """Return the space of actions: (6,) float32 in [0, 1]."""
+        return Box(0.0, 1.0, (MAX_ELIMINABLE,))
+
+    def order(
+        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+    ) -> Order:
+        """Return what an action asks for; see `Strategy`."""
+        instant, now = instants(action), step // protocol.steps_per_frame
+        end = jnp.asarray(_ENDS if self.late_frame else np.full_like(_ENDS, FRAMES))[now]
+        due = _is_lowest(instant) & ~used & standing & (instant >= jnp.maximum(now, 1)) & (instant < end)
+        frame = jnp.min(jnp.where(due, instant, end))
+        chosen = due & (instant == frame)
+        plan = jnp.where(chosen, frame * protocol.steps_per_frame, NEVER)
+        until = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
+        return Order(plan, until, used | chosen)
+
+    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
+        """Return the flags of a transition; see `Strategy`."""
+        return Ending(success, out_of_time & ~success)
+
+
+Strategy = InAdvance | OnTheFly | Combined
+"""`order(action, step, used, standing, protocol)` takes the physics steps made, () int32, the slots executed so far and
+the slots whose block is still there, (6,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
+whether the world is solved after a transition, and whether its time is over or it is no longer sound."""
+
+# Frames at which an episode ends by the official clock, by the frame at which its last action starts.
+_ENDS: Final = np.array(
+    [start + len(np.arange(start / 10, TIME_LIMIT, 1 / 10)) for start in range(FRAMES)] + [FRAMES + 1] * 2, np.int32
+)
+
+STRATEGIES: Final[Mapping[str, Strategy]] = MappingProxyType(
+    {"in-advance": InAdvance(), "on-the-fly": OnTheFly(), "combined": Combined()}
+)
+
+
+def instants(action: jax.Array) -> jax.Array:
+    """Return the frames that an action (..., 6) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
+
+    What is no number, or below 0 or above 15 s, is no frame of the episode.
+    """
+    action = jnp.asarray(action)
+    # Two roundings, as in the official code; without the barrier a compiler multiplies by 150 once.
+    seconds = jax.lax.optimization_barrier(action * jnp.asarray(TIME_LIMIT, action.dtype))
+    tenths = jnp.rint(seconds * jnp.asarray(10.0, action.dtype))
+    return jnp.where((tenths >= 0) & (tenths <= FRAMES), tenths, NEVER).astype(jnp.int32)
+
+
+def _is_lowest(instant: jax.Array) -> jax.Array:
+    """Return which slots have no lower slot of the same time beside them, (6,) bool."""
+    index = jnp.arange(MAX_ELIMINABLE, dtype=jnp.int32)
+    same = instant[:, None] == instant[None, :]
+    return ~jnp.any(same & (index[None, :] < index[:, None]), axis=1)
+
+
+def strategy_named(name: object, *, official_bugs: bool = False) -> Strategy:
+    """Return a strategy.
+
+    Raises:
+        ValueError: there is none of this name; one line.
+    """
+    if not isinstance(name, str) or name not in STRATEGIES:
+        raise ValueError(f"strategy: expected one of {', '.join(get_args(StrategyName))}, got {name!r}")
+    return Combined(late_frame=True) if official_bugs and name == "combined" else STRATEGIES[name]

@@ -1,0 +1,257 @@
+"""The environment's contract: trees, types, keys, mapping, autoreset, mixtures, faults and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import iphyre_jax
+from iphyre_jax import load_scene, make
+from iphyre_jax.envs import make_params
+from iphyre_jax.observe import start_observation
+
+BATCH = 8
+
+
+@cache
+def environment(games: str = "support", autoreset: bool = True) -> Any:
+    return make(f"on-the-fly/{games}-v1", autoreset=autoreset)
+
+
+def keys(seed: int, count: int = BATCH) -> jax.Array:
+    return jax.random.split(jax.random.key(seed), count)
+
+
+@cache
+def batched(env: Any) -> Any:
+    """Reset, and ten steps with given actions, of a batch."""
+
+    def play(key: jax.Array, actions: jax.Array, params: Any) -> Any:
+        seen, state = env.reset(key, params)
+
+        def one(state: Any, action: jax.Array) -> Any:
+            out = env.step(key, state, action, params)
+            return out[1], (out[0], *out[2:])
+
+        return seen, *jax.lax.scan(one, state, actions)
+
+    return jax.jit(jax.vmap(play, in_axes=(0, 0, None)))
+
+
+def actions(seed: int = 0, count: int = BATCH, steps: int = 12) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 3, (count, steps)).astype(np.int32)
+
+
+def assert_equal(one: Any, other: Any) -> None:
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+
+
+def test_trees_shapes_and_types_do_not_depend_on_x64() -> None:
+    env, params = environment()
+    forms = []
+    for x64 in (False, True):
+        with jax.enable_x64(x64):
+            seen, state = jax.eval_shape(env.reset, jax.random.key(0), params)
+            action = jax.eval_shape(env.action_space().sample, jax.random.key(0))
+            out = jax.eval_shape(env.step, jax.random.key(0), state, action, params)
+            info = jax.eval_shape(env.info, state, params)
+        assert jax.tree.structure(info) == jax.tree.structure(out[5])
+        assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), (out[0], out[1])) == jax.tree.map(
+            lambda leaf: (leaf.shape, leaf.dtype), (seen, state)
+        )
+        forms.append(jax.tree.map(lambda leaf: (leaf.shape, str(leaf.dtype)), (seen, state, *out)))
+        assert [str(part.dtype) for part in (seen, *out[2:5])] == ["float32", "float32", "bool", "bool"]
+    assert forms[0] == forms[1]
+
+
+def test_typed_and_old_keys_give_the_same() -> None:
+    env, params = make("on-the-fly/basic-v1")
+    games = [int(env.reset(key, params)[1].game) for key in (jax.random.key(3), jax.random.PRNGKey(3))]
+    assert games[0] == games[1]
+    drawn = {int(env.reset(key, params)[1].game) for key in keys(0, 40)}
+    assert drawn <= set(range(10))
+    assert len(drawn) > 5
+
+
+def test_observations_at_the_start_are_the_official_ones() -> None:
+    for strategy, pad in (("in-advance", 0), ("on-the-fly", 2)):
+        env, params = make(f"{strategy}/all-v1")
+        seen = jax.vmap(lambda game, env=env, params=params: env.reset_to(game, params)[0])(jnp.arange(40))
+        expected = np.stack([start_observation(load_scene(game)) for game in iphyre_jax.GAMES])
+        expected = np.insert(expected, [108] * pad, 0, axis=1)
+        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-7)
+        assert seen.shape[1:] == env.observation_space().shape
+        assert env.observation_space().contains(seen[0])
+
+
+def test_motion_adds_velocities_and_time() -> None:
+    env, params = make("on-the-fly/support-v1", observation="motion", autoreset=False)
+    seen, state = env.reset(jax.random.key(0), params)
+    assert seen.shape == env.observation_space().shape == (122 + 37,)
+    np.testing.assert_array_equal(seen[122:], 0)
+    for frame in range(1, 6):
+        seen, state, *_ = env.step(jax.random.key(0), state, [1, 2, 0, 0, 0][frame - 1], params)
+        np.testing.assert_allclose(seen[-1], frame / 150, rtol=1e-6)
+    falling = seen[122:-1].reshape(12, 3)[2]
+    assert falling[0] == falling[2] == 0
+    assert 10 / 600 < falling[1] <= 50 / 600  # 0.5 s at 100 px/s^2, less the time on the bar
+    np.testing.assert_array_equal(np.delete(seen[122:-1].reshape(12, 3), 2, axis=0), 0)
+
+
+def test_a_batch_is_its_worlds_one_by_one() -> None:
+    env, params = environment()
+    whole = batched(env)(keys(0), actions(), params)
+    single = jax.jit(env.step)
+    for k in (0, 5):
+        _, state = env.reset(keys(0)[k], params)
+        for t, action in enumerate(actions()[k]):
+            seen, state, *rest = single(keys(0)[k], state, action, params)
+            np.testing.assert_allclose(whole[2][0][k, t], seen, atol=1e-6)
+            for a, b in zip(jax.tree.leaves(whole[2][1:]), jax.tree.leaves(rest), strict=True):
+                np.testing.assert_allclose(a[k, t], b, rtol=1e-6, atol=1e-6)
+
+
+def test_nested_maps_and_a_map_over_params() -> None:
+    env, params = environment()
+    flat = batched(env)(keys(0), actions(), params)
+    nested = jax.vmap(batched(env), in_axes=(0, 0, None))(keys(0).reshape(2, 4), actions().reshape(2, 4, -1), params)
+    assert_equal(jax.tree.map(lambda leaf: leaf.reshape(BATCH, *leaf.shape[2:]), nested), flat)
+    tables = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[env.params([game]) for game in ("support", "hole")])
+    mapped = jax.vmap(env.reset, in_axes=(None, 0))(jax.random.key(0), tables)[0]
+    for seen, game in zip(mapped, ("support", "hole"), strict=True):
+        np.testing.assert_allclose(np.delete(seen, [108, 109]), start_observation(load_scene(game)), atol=1e-7)
+
+
+def test_a_mixture_plays_each_world_as_among_its_like() -> None:
+    scenes = [load_scene(game) for game in ("support", "spring")]
+    iphyre_jax.register("two-v1", scenes)
+    env, params = make("on-the-fly/two-v1")
+    with pytest.raises(ValueError, match="name: expected one that is free"):
+        iphyre_jax.register("two-v1", scenes)
+    start = jax.jit(jax.vmap(env.reset_to, in_axes=(0, None)))
+    step = jax.jit(jax.vmap(env.step, in_axes=(None, 0, 0, None)))
+    games = jnp.array([0, 1, 1, 0, 0, 1, 0, 0])
+    mixed = [start(games, params)]
+    for t in range(20):
+        mixed.append(step(jax.random.key(0), mixed[-1][1], actions(1, steps=20)[:, t], params))
+    for game, scene in enumerate(scenes):
+        own, own_params = environment(scene.name)
+        alone = jax.jit(jax.vmap(own.step, in_axes=(None, 0, 0, None)))
+        _, state = jax.vmap(own.reset_to, in_axes=(0, None))(jnp.zeros(BATCH, jnp.int32), own_params)
+        for t in range(20):
+            out = alone(jax.random.key(0), state, actions(1, steps=20)[:, t], own_params)
+            state = out[1]
+            mine = np.flatnonzero(games == game)
+            np.testing.assert_array_equal(mixed[t + 1][0][mine], out[0][mine])
+            np.testing.assert_array_equal(mixed[t + 1][2][mine], out[2][mine])
+
+
+def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
+    env, params = environment()
+    still, _ = environment(autoreset=False)
+    plays = {}
+    for one in (env, still):
+        _, state = one.reset(jax.random.key(0), params)
+        plays[one.autoreset] = []
+        for action in [1, 2, *[0] * 40]:
+            out = one.step(jax.random.key(1), state, action, params)
+            state = out[1]
+            plays[one.autoreset].append(out)
+    ends = [bool(out[3]) for out in plays[False]].index(True)
+    auto, kept = plays[True][ends], plays[False][ends]
+    np.testing.assert_array_equal(auto[5]["final_observation"], kept[0])
+    np.testing.assert_array_equal(auto[0], env.reset(jax.random.key(1), params)[0])
+    assert bool(auto[3])
+    assert float(auto[2]) == float(kept[2]) > 900
+    assert int(auto[1].progress.state.step) == 0
+    assert_equal(jax.tree.leaves(auto[5]), jax.tree.leaves(kept[5]))
+    later = plays[False][-1]  # ended, it stays: no reward, the same flags and observation
+    assert float(later[2]) == 0
+    assert bool(later[3])
+    assert_equal(later[0], kept[0])
+    assert_equal(later[1], kept[1])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> None:
+    env, params = environment()
+    step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+    _, state = jax.vmap(env.reset, in_axes=(0, None))(keys(0), params)
+    poisoned = state.progress.state.motion.velocity.y.at[3].set(bad)
+    sick_motion = replace(
+        state.progress.state.motion, velocity=replace(state.progress.state.motion.velocity, y=poisoned)
+    )
+    cache = state.progress.state.cache
+    sick_cache = replace(cache, normal_impulse=cache.normal_impulse.at[3].set(bad))
+    physics = replace(state.progress.state, motion=sick_motion, cache=sick_cache)
+    sick = replace(state, progress=replace(state.progress, state=physics))
+    others = np.arange(BATCH) != 3
+    for t in range(10):
+        clean_out = step(keys(t), state, actions()[:, t], params)
+        sick_out = step(keys(t), sick, actions()[:, t], params)
+        for one, other in zip(jax.tree.leaves(sick_out), jax.tree.leaves(clean_out), strict=True):
+            np.testing.assert_array_equal(one[others], other[others])
+        for leaf in jax.tree.leaves((sick_out[0], sick_out[2], sick_out[5])):
+            assert np.isfinite(leaf).all()
+        assert int(sick_out[5]["fault"][3]) == (2 if t == 0 else 0)
+        assert bool(sick_out[4][3]) == (t == 0)
+        state, sick = clean_out[1], sick_out[1]
+    for leaf in jax.tree.leaves(sick):
+        assert not np.isnan(leaf.astype(float)).any()
+
+
+def test_float64_asks_for_x64() -> None:
+    env, params = make("in-advance/support-v1", dtype="float64")
+    with pytest.raises(ValueError, match=r"^dtype: expected jax\.enable_x64"):
+        env.reset(jax.random.key(0), params)
+
+
+BAD: dict[str, tuple[dict[str, Any], str]] = {
+    "no id": ({"id": None}, "id: expected one of"),
+    "no version": ({"id": "in-advance/basic"}, "did you mean in-advance/basic-v1"),
+    "strategy": ({"id": "in-advanced/basic-v1"}, "id: expected one of"),
+    "protocol": ({"protocol": "rough"}, "protocol: expected one of official, smooth"),
+    "protocol type": ({"protocol": []}, "protocol: expected one of official, smooth"),
+    "dtype": ({"dtype": "float16"}, "dtype: expected"),
+    "observation": ({"observation": "pixels"}, "observation: expected one of official, motion, image"),
+    "image size unasked": ({"image_size": 84}, "image_size: expected none"),
+    "image size": ({"observation": "image", "image_size": 0}, "image_size: expected a whole number of px"),
+    "image size type": ({"observation": "image", "image_size": 8.0}, "image_size: expected a whole number of px"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_arguments_of_make_get_one_line(case: str) -> None:
+    options, message = BAD[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        make(**({"id": "in-advance/support-v1"} | options))
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_scenes_are_refused() -> None:
+    env, _ = environment()
+    with pytest.raises(ValueError, match="expected topologies of this environment, but seesaw has another"):
+        env.params(["seesaw"])
+    for scenes in ([], "support", 3):
+        with pytest.raises(ValueError, match="scenes: expected a sequence of at least one"):
+            env.params(scenes)
+    for name in ("mine", "mine-v", "a/b-v1", "-v1", 3):
+        with pytest.raises(ValueError, match=r'name: expected the form "mine-v1"'):
+            iphyre_jax.register(name, ["support"])
+    with pytest.raises(ValueError, match="scenes: expected a sequence"):
+        iphyre_jax.register("none-v1", [])
+
+
+def test_ids_cover_the_games_and_splits() -> None:
+    ids = set(iphyre_jax.environment_ids())
+    assert {f"{s}/{g}-v1" for s in ("in-advance", "on-the-fly", "combined") for g in ("basic", "all", "hole")} <= ids
+    assert make_params([load_scene("hole")], environment()[0].mixture, environment()[0].protocol, "float32").games == 1
