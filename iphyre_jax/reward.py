@@ -30,7 +30,7 @@ def episode_reward(
     success: npt.NDArray[np.bool_],
     eliminations: npt.NDArray[np.integer[Any]],
     steps: npt.NDArray[np.integer[Any]],
-    fps: int,
+    fps: float,
 ) -> npt.NDArray[np.float64]:
     """(B,) float64 reward = 1000 if solved - 10 x eliminations - seconds played.
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from iphyre_jax import programs
 from iphyre_jax.physics.broadphase import Counters
+from iphyre_jax.reward import episode_reward
 from iphyre_jax.rollouts import Outcome
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.build import timing
@@ -20,7 +21,6 @@ from iphyre_jax.scenes.build import timing
 SceneLike = str | PathLike[str] | Scene
 
 _DTYPES = ("float32", "float64")
-_SUCCESS, _PER_ELIMINATION = 1000.0, 10.0  # the paper's reward; a second costs 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +200,7 @@ def _simulate(
             _blank_removed(scenes[0], samples, chunk, np.asarray(outcome.steps), stops)
 
     programs.run_all(play, chunks)
-    reward = _SUCCESS * success - _PER_ELIMINATION * counts["eliminations"] - counts["steps"] / settings.fps
+    reward = episode_reward(success, counts["eliminations"], counts["steps"], settings.fps)
     return Simulation(success, counts["steps"], counts["eliminations"], reward, counts["fault"], samples)
 
 

@@ -36,7 +36,7 @@ PARTS = (
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
-ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "msgspec", "matplotlib", "rich", "tyro"}
+ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro"}
 ABOVE_THE_CORE = {"train", "commands", "cli"}
 
 

@@ -16,47 +16,47 @@ HeadName = Literal["slots", "gaussian"]
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training run of PPO in advance. The defaults learn the basic split at 10 steps a second."""
+    """One training run of PPO that plans in advance. The defaults learn the basic split at 10 steps a second."""
 
     seed: int = 0
-    """Of everything random: initial weights, sampled plans, minibatches, evaluation."""
+    """Seed of everything random: initial weights, sampled plans, minibatches, evaluation."""
 
     split: str = "basic"
-    """The split that is trained on; every game of it is played equally often."""
+    """Train on the games of this split, each equally often: basic, noisy, compositional, multi_ball or unseen_basic."""
 
     games: tuple[str, ...] = ()
-    """Train on these games of the package in place of a whole split."""
+    """Train on these games, by name, in place of a whole split."""
 
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
 
     resets: int = OFFICIAL_RESETS
-    """Number of the reset of a reused space; the official environment plays in the second."""
+    """Which filling of a reused space is played; it decides the order of contacts. The official one is the second."""
 
     dtype: Literal["float32", "float64"] = "float32"
-    """Of the physics. The network is float32."""
+    """Number type of the physics; the network is float32 always."""
 
     head: HeadName = "slots"
-    """Action head. "slots": a categorical over the official 0.1 s slots of each block, slot 0 being "never".
-    "gaussian": a normal for each block, clipped to the action box, as in the paper."""
+    """Distribution of a block's time. "slots": a categorical over never and every 0.1 s up to 14.9 s.
+    "gaussian": a normal, clipped to [0 s, 15 s], as in the paper."""
 
     hidden: tuple[int, ...] = (256, 256)
-    """Widths of the hidden layers (tanh)."""
+    """Widths of the network's hidden layers (tanh)."""
 
     updates: int = 100
-    """Rounds of playing and learning."""
+    """Rounds; in each, plans are sampled and played, then learned from."""
 
     plans_per_scene: int = 128
-    """Plans that are sampled for each game in a round; the advantage compares them with one another."""
+    """Plans that are sampled for each game in a round and compared with one another."""
 
     epochs: int = 4
-    """Passes over a round's plans."""
+    """How often a round learns from each of its plans."""
 
     minibatches: int = 4
-    """Gradient steps in a pass."""
+    """Gradient steps in each epoch; must divide the number of plans of a round."""
 
     learning_rate: float = 1e-3
-    """Of Adam at the start; falls linearly to 0 over the run. The gaussian head wants less, about 3e-4."""
+    """Adam's learning rate at the start; falls linearly to 0 over the run. The gaussian head wants less, about 3e-4."""
 
     max_grad_norm: float = 1.0
     """Gradients are scaled down to at most this global norm."""
@@ -65,14 +65,14 @@ class TrainConfig:
     """PPO: how far the probability ratio may leave 1 before its gradient stops."""
 
     entropy: float = 0.01
-    """Weight of the entropy bonus (nats per slot) at the start; falls linearly to 0 over the run."""
+    """Weight of the entropy bonus (nats per block) at the start; falls linearly to 0 over the run."""
 
     std_floor: float = 30.0
-    """Advantage = (reward - mean) / (standard deviation + this), within the plans of one scene. The floor keeps a
-    scene whose plans differ by a few points from counting as much as one where success is at stake."""
+    """Advantage of a plan = (reward - mean) / (standard deviation + this), within the plans of one game.
+    The floor keeps a game whose plans differ by a few points from counting as much as one that some solve."""
 
     sampled_plans: int = 20
-    """Plans per game when the trained policy is evaluated with sampled actions."""
+    """Plans of each game when the trained policy is evaluated with sampled actions."""
 
     def check(self) -> None:
         """Refuse what cannot work; every door by which settings come in calls this.
