@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import State, Timing, Topology, World, broadphase, contacts, eliminate, joints, solver
+from iphyre_jax.physics import State, Timing, Topology, World, broadphase, contacts, eliminate, joints, shapes, solver
 from iphyre_jax.physics.step import initial_state, integrate_positions, integrate_velocities
 from iphyre_jax.physics.types import BroadPhase, Motion
 from iphyre_jax.physics.vector import Vec
@@ -25,10 +25,10 @@ from parity.views import Floats, Layout, Stages, StepView, our_view
 def staged_step(topology: Topology, world: World, timing: Timing, state: State) -> Stages:
     """Make one step of one world as `iphyre_jax.physics.step` does and keep what the stages computed."""
     moved = integrate_positions(state, timing)
-    shapes = contacts.world_shapes(topology, world, moved)
-    boxes = contacts.moving_boxes(topology, shapes)
+    shape = shapes.world_shapes(topology, world, moved)
+    boxes = shapes.moving_boxes(topology, shape)
     broad = broadphase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
-    points, touching = contacts.collide(topology, world, shapes, broad, moved)
+    points, touching = contacts.collide(topology, world, shape, broad)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(moved.motion, topology.moving)
@@ -36,9 +36,9 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
     links = joints.prepare(topology, world, timing, moved)
     motions = joints.apply_springs(topology, links, motions)
     motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(contact, used, motions)
+    motions = solver.apply_cached(world, contact, used, motions)
     motions = joints.apply_cached(topology, links, motions, moved.place)
-    contact, links, motions = solver.solve(topology, timing, contact, used, links, motions, moved.place)
+    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, moved.place)
 
     impulses = [link.impulse for link in links]
     pins = impulses[: len(topology.pins)]
@@ -52,20 +52,18 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
         overflow=moved.overflow | (touching > topology.slots),
     )
     return Stages(
-        after, contact, touching, _low_is_a(topology, broad), jnp.stack(impulses) if impulses else moved.pin_impulse
+        after,
+        contact,
+        touching,
+        _low_is_a(topology, world, broad),
+        jnp.stack(impulses) if impulses else moved.pin_impulse,
     )
 
 
-def _low_is_a(topology: Topology, broad: BroadPhase) -> jax.Array:
+def _low_is_a(topology: Topology, world: World, broad: BroadPhase) -> jax.Array:
     """Role of the lower index in every pair of moving bodies, (P,) bool."""
-    if topology.moving == 1:
-        return jnp.zeros(0, bool)
-    rank = broadphase.ranks(broad.path)
-    roles = [
-        broadphase.moving_key(topology, broad, rank, *(jnp.int32(k) for k in (i, j, p)))[1]
-        for p, (i, j) in enumerate(topology.pairs)
-    ]
-    return jnp.stack(roles)
+    roles = broadphase.order(topology, world, broad).low_is_a
+    return jnp.stack(roles) if roles else jnp.zeros(0, bool)
 
 
 def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:

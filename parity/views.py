@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics import State, Topology, solver
+from iphyre_jax.physics.contacts import unpack
 from iphyre_jax.physics.vector import Vec
 from parity.reference import BodyState
 from parity.trace import ContactRecord
@@ -108,7 +109,8 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
     """What one of our steps computed, in the reference's roles."""
     host: Stages = jax.device_get(stages)
     contact, state, count = host.contact, host.state, int(host.touching)
-    points = contact.points
+    points = unpack(contact.points.tag, contact.points.numbers, axis=1)
+    fixed = solver.unpack_contact(contact.fixed, layout.topology.moving, axis=1)
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
     flip = np.array([_second_is_a(layout, host, pair) for pair in first_second], dtype=bool).reshape(count, 1)
     one, two = _xy(points.arm_first)[:count], _xy(points.arm_second)[:count]
@@ -124,9 +126,9 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
         arm_a=np.where(flip, two, one),
         arm_b=np.where(flip, one, two),
         distance=np.asarray(points.distance)[:count],
-        masses=np.stack([contact.normal_mass, contact.tangent_mass], axis=1)[:count],
-        speeds=np.stack([contact.bounce, contact.bias], axis=1)[:count],
-        impulses=np.stack([contact.normal_impulse, contact.tangent_impulse, contact.bias_impulse], axis=1)[:count],
+        masses=np.stack([fixed.normal_mass, fixed.tangent_mass], axis=1)[:count],
+        speeds=np.stack([fixed.bounce, fixed.bias], axis=1)[:count],
+        impulses=np.asarray(contact.impulses)[:count],
         links=np.where(gone, np.nan, host.link_impulses[: len(ends)]),
         velocity=_xy(state.motion.velocity),
         angular_velocity=np.asarray(state.motion.angular),

@@ -7,9 +7,11 @@ only rebuilt when a shape leaves its fat box. The visiting order follows from th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import FAT_MARGIN
@@ -18,7 +20,6 @@ from iphyre_jax.physics.vector import Vec, product
 
 COUNTER_START = 256  # counters of the first insertions lie below
 STATIC_RANKS = 64  # more static bars than a scene can have
-KEY_NONE = np.int32(2**31 - 1)  # order key of a point that does not exist
 
 
 class Counters:
@@ -89,7 +90,7 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     def keep(_: None) -> BroadPhase:
         return BroadPhase(fat, broad.path, broad.depth, broad.inserted, broad.pair_counter, outside)
 
-    return jax.lax.cond(jnp.any(lanes.any_lane(outside) != 0), reinsert, keep, None)
+    return jax.lax.cond(lanes.any_set(lanes.any_lane(outside)), reinsert, keep, None)
 
 
 def ranks(path: jax.Array) -> jax.Array:
@@ -136,7 +137,7 @@ def _move_leaves(
 
     def move(q: jax.Array, carry: tuple[Box, jax.Array, jax.Array]) -> tuple[Box, jax.Array, jax.Array]:
         boxes, path, depth = carry
-        me = index == jnp.expand_dims(lanes.row(world.leaf_order, q), 0)
+        me = index == jnp.expand_dims(lanes.read(world.leaf_order, q), 0)
         moved = jnp.any(me & outside, axis=0, keepdims=True)
         boxes = jax.tree.map(lambda new, old: jnp.where(me & moved, new, old), fat, boxes)
         removed = _remove(n, me, path, depth)
@@ -220,34 +221,40 @@ def _proximity(a: Box, b: Box) -> jax.Array:
     return jnp.abs(a.left + a.right - b.left - b.right) + jnp.abs(a.top + a.bottom - b.top - b.bottom)
 
 
-def static_key(
-    topology: Topology, broad: BroadPhase, rank: jax.Array, body: int | jax.Array, static: jax.Array, first: jax.Array
-) -> jax.Array:
-    """Return the order key of a body's pair with a static bar.
+@dataclass(frozen=True)
+class Order:
+    """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Always even."""
 
-    On the step of a re-insertion the static bars come by rank; otherwise the pair inserted last comes first.
-    static: its rank; first: the pair's counter before the body's first re-insertion.
+    static: jax.Array  # (n, S) int32, pairs of a moving body and a static bar
+    moving: tuple[jax.Array, ...]  # () int32 for each of `topology.pairs`
+    low_is_a: tuple[jax.Array, ...]  # () bool, whether the lower index of the pair has role a
+
+    def of(self, topology: Topology, body: int, others: Sequence[int]) -> jax.Array:
+        """Return the keys of a body's pairs with some moving bodies, then with all static bars, (others + S,)."""
+        pairs = [topology.pairs.index((min(body, other), max(body, other))) for other in others]
+        return jnp.concatenate([*(self.moving[p][None] for p in pairs), self.static[body]])
+
+
+def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
+    """Return the order keys of all pairs.
+
+    The body of the higher rank owns a pair of moving bodies. On the step of its owner's re-insertion static bars come
+    by rank, then moving bodies, and the owner is a; otherwise the pair inserted last comes first and the owner is b.
     """
     c = Counters(topology.moving)
-    inserted, updated, owner = (lanes.row(a, body) for a in (broad.inserted, broad.updated, rank))
-    counter = jnp.where(inserted < 0, first, inserted + static)
-    return ((owner << c.inner_bits) | jnp.where(updated, static, c.newest - counter)) << 1
-
-
-def moving_key(
-    topology: Topology, broad: BroadPhase, rank: jax.Array, i: jax.Array, j: jax.Array, pair: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Return the order key of a pair of moving bodies, and whether `i` has role a.
-
-    The body of the higher rank owns the pair. If it was re-inserted in this step, the pair comes after its static ones
-    and the owner is a; otherwise the pair has its place by age and the owner is b.
-    """
-    c = Counters(topology.moving)
-    rank_i, rank_j = lanes.row(rank, i), lanes.row(rank, j)
-    i_owns = rank_i > rank_j
-    updated = jnp.where(i_owns, lanes.row(broad.updated, i), lanes.row(broad.updated, j))
-    owner, other = jnp.where(i_owns, rank_i, rank_j), jnp.where(i_owns, rank_j, rank_i)
-    distance = _bit_length(lanes.row(broad.path, i) ^ lanes.row(broad.path, j))
-    fresh = STATIC_RANKS + distance * c.moving + other
-    place = jnp.where(updated, fresh, c.newest - lanes.row(broad.pair_counter, pair))
-    return ((owner << c.inner_bits) | place) << 1, i_owns == updated
+    rank = ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
+    place = lanes.iota(topology.statics, rank[0])[None]
+    inserted, updated = broad.inserted[:, None], broad.updated[:, None]
+    first = world.static_counter.reshape(topology.moving, topology.statics, *rank.shape[1:])
+    counter = jnp.where(inserted < 0, first, inserted + place)
+    static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, place, c.newest - counter)) << 1
+    moving, low_is_a = [], []
+    for p, (i, j) in enumerate(topology.pairs):
+        i_owns = rank[i] > rank[j]
+        fresh = jnp.where(i_owns, broad.updated[i], broad.updated[j])
+        owner, other = jnp.where(i_owns, rank[i], rank[j]), jnp.where(i_owns, rank[j], rank[i])
+        by_tree = STATIC_RANKS + _bit_length(broad.path[i] ^ broad.path[j]) * c.moving + other
+        inner = jnp.where(fresh, by_tree, c.newest - broad.pair_counter[p])
+        moving.append(((owner << c.inner_bits) | inner) << 1)
+        low_is_a.append(i_owns == fresh)
+    return Order(static, tuple(moving), tuple(low_is_a))

@@ -1,113 +1,72 @@
 """Collision: from shapes to the ordered slots that the solver works through.
 
 Candidate pairs are those whose exact boxes overlap in at least one lane; the loops below visit only these, so a world
-pays for what it and its neighbours touch. A candidate's points become rows; a row's order key (see `broadphase`) gives
-its position among the touching points of its lane; the rows are packed into K slots by position.
+pays for what it and its neighbours touch. Touching points take the next free slot of their lane; at the end the slots
+are put in order by their keys (see `broadphase.order`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.physics import broadphase, lanes
-from iphyre_jax.physics.constants import BAR_RADIUS
-from iphyre_jax.physics.narrowphase import Segment, Touch, circle_circle, circle_segment, segment_segment
-from iphyre_jax.physics.types import STATIC, Box, BroadPhase, State, Topology, World
-from iphyre_jax.physics.vector import Vec, dot, product, rounds_as_reference
+from iphyre_jax.physics import broadphase, lanes, shapes
+from iphyre_jax.physics.narrowphase import Touch, circle_circle, circle_segment, segment_segment
+from iphyre_jax.physics.shapes import Ball, Bar, Shapes
+from iphyre_jax.physics.types import Box, BroadPhase, Topology, World
+from iphyre_jax.physics.vector import Vec, dot
 
-Tree = TypeVar("Tree")
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Shapes:
-    """All shapes. m moving bars, then S static ones; balls.
-
-    The reference computes contacts in the world frame, and so does float64. In float32 coordinates of hundreds of px
-    cost three digits, so there all is relative: bars to their centres here, pairs to the first body in `_visit`.
-    """
-
-    bars: Segment  # (m + S,) in the world frame; in float32 relative to the bar's centre
-    bar_centre: Vec  # (m + S,) px
-    bar_residue: Vec  # (m + S,) px, belongs to the centre; no rows in float64
-    bar_box: Box  # (m + S,)
-    ball_box: Box  # (balls,)
-    ball_centre: Vec  # (balls,) px
-    alive: jax.Array  # (m + S,) bool
+KEY_NONE = np.int32(2**31 - 1)  # order key of a point that does not touch
+BODY_BITS = 4  # of a body in a tag
+STATIC_BODY = 2**BODY_BITS - 1
+NUMBERS = 7  # of a contact point
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Points:
-    """Contact points as rows: of candidates (any order) or in slots (solve order)."""
+    """Contact points as tables: one row a slot."""
 
-    key: jax.Array  # int32, order key; KEY_NONE: no contact
-    id: jax.Array  # int32, identity of the point for the contact cache; -1: none
-    first: jax.Array  # int32, moving body of role first
-    second: jax.Array  # int32, the other body, STATIC if it does not move
+    tag: jax.Array  # (K,) int32: id, first body, second body (STATIC_BODY if it does not move); -1 for an empty slot
+    numbers: jax.Array  # (K, 7): normal, arm of the first body, arm of the second, distance
+
+
+@dataclass(frozen=True)
+class Point:
+    """One contact point, or all of a table."""
+
+    id: jax.Array  # int32, identity for the contact cache: 4 * pair + id class; negative for none
+    first: jax.Array  # int32, moving body
+    second: jax.Array  # int32, the other body
     normal: Vec  # unit, from first to second
     arm_first: Vec  # px, from the body's centre to its contact point
     arm_second: Vec
     distance: jax.Array  # px along the normal, negative when overlapping
 
 
-def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
-    """Return all shapes where they are now."""
-    m = topology.bars
-    angle, centre = state.angle[:m], state.position[:m]
-    turn = Vec(jnp.cos(angle), jnp.sin(angle))
-
-    def place(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
-        x = product(turn.x, local.x) + product(-turn.y, local.y)
-        y = product(turn.y, local.x) + product(turn.x, local.y)
-        return Vec(x, y)
-
-    moving = Segment(place(world.bar_a), place(world.bar_b), place(world.bar_normal))
-    static = Segment(world.static_a, world.static_b, world.static_normal)
-    residue = state.residue[:0]
-    if rounds_as_reference(centre):
-        bars = _join(_shifted(moving, centre), static)
-        in_world = bars
-    else:
-        bars = _join(moving, _shifted(static, -world.static_centre))
-        in_world = _join(_shifted(moving, centre), static)
-        residue = _join(state.residue[:m], jax.tree.map(jnp.zeros_like, world.static_centre))
-    bar_centre = _join(centre, world.static_centre)
-    alive = jnp.concatenate([jnp.ones_like(state.alive[:1]).repeat(m, 0), state.alive]) if m else state.alive
-    balls, r = state.position[m:], world.radius
-    ball_box = Box(balls.x - r, balls.y - r, balls.x + r, balls.y + r)
-    return Shapes(bars, bar_centre, residue, _bar_box(in_world), ball_box, balls, alive)
+def unpack(tag: jax.Array, numbers: jax.Array, axis: int = 0) -> Point:
+    """Return a row of `Points`, or with axis 1 the whole table, by the names of its fields."""
+    n = [jax.lax.index_in_dim(jnp.asarray(numbers), k, axis, keepdims=False) for k in range(NUMBERS)]
+    first, second = (tag >> BODY_BITS) & STATIC_BODY, tag & STATIC_BODY
+    return Point(tag >> 2 * BODY_BITS, first, second, Vec(n[0], n[1]), Vec(n[2], n[3]), Vec(n[4], n[5]), n[6])
 
 
-def _join(first: Tree, second: Tree) -> Tree:
-    """Concatenate the rows of two trees."""
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), first, second)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Slots:
+    """Touching points in the order in which they were found."""
 
-
-def _shifted(bars: Segment, by: Vec) -> Segment:
-    return Segment(bars.a + by, bars.b + by, bars.normal)
-
-
-def _bar_box(bar: Segment) -> Box:
-    r = BAR_RADIUS
-    low_x, high_x = jnp.minimum(bar.a.x, bar.b.x), jnp.maximum(bar.a.x, bar.b.x)
-    low_y, high_y = jnp.minimum(bar.a.y, bar.b.y), jnp.maximum(bar.a.y, bar.b.y)
-    return Box(low_x - r, low_y - r, high_x + r, high_y + r)
-
-
-def moving_boxes(topology: Topology, shapes: Shapes) -> Box:
-    """Return the exact boxes of the moving bodies, bars first."""
-    return _join(jax.tree.map(lambda bars: bars[: topology.bars], shapes.bar_box), shapes.ball_box)
+    key: jax.Array  # (K,) int32
+    points: Points
+    total: jax.Array  # () int32, points found, which may exceed K
 
 
 @dataclass(frozen=True)
-class Pair:
+class _Frame:
     """Where the bodies of a pair are in the frame in which their contact is computed."""
 
     apart: Vec  # px, from the first body's centre to the second's
@@ -116,214 +75,186 @@ class Pair:
     shift: Vec | None  # px, takes the second body's bar into the frame; None: it is there
 
 
-def _pair(first: Vec, second: Vec, residue: Callable[[], tuple[Vec, Vec]]) -> Pair:
-    """Return the world frame in float64; in float32 the first body's, with what rounding took from the positions."""
-    apart = second - first
-    if rounds_as_reference(apart):
-        return Pair(apart, first, second, None)
-    of_first, of_second = residue()
-    apart = apart + (of_second - of_first)
-    return Pair(apart, jax.tree.map(jnp.zeros_like, apart), apart, apart)
+Touches = tuple[_Frame, tuple[Touch, ...]]
 
 
 @dataclass(frozen=True)
 class _Kind:
     """One kind of pair: its candidates, and how to find their contact points."""
 
-    pairs: tuple[tuple[int, int], ...]
-    overlap: jax.Array  # (pairs, *lanes) bool
-    points: Callable[[jax.Array, jax.Array, Pair], tuple[Touch, ...]]
-    bodies: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]  # moving-body index or -(1 + static) each
+    pairs: tuple[tuple[int, int], ...]  # rows of the two tables
+    bodies: tuple[tuple[int, int], ...]  # moving body, or STATIC_BODY
     first_id: int
+    info: jax.Array  # (pairs, 1 or 6) int32: key; for two bars whether the first has role a, and its four id classes
+    tables: tuple[jax.Array, jax.Array]
+    touch: Callable[[jax.Array, jax.Array], Touches]
 
 
-def collide(
-    topology: Topology, world: World, shapes: Shapes, broad: BroadPhase, state: State
-) -> tuple[Points, jax.Array]:
+def collide(topology: Topology, world: World, shape: Shapes, broad: BroadPhase) -> tuple[Points, jax.Array]:
     """Return the touching points of every lane in solve order, (K,) rows, and how many there are (it may exceed K)."""
-    rank = broadphase.ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
-    capacity = len(topology.ball_pairs) + len(topology.ball_bar_pairs) + 2 * len(topology.bar_pairs)
-    like = state.position.x[0]
-    rows, count = _empty(capacity, like), jnp.int32(0)
-    for kind in _kinds(topology, world, shapes):
-        if kind.pairs:
-            rows, count = _visit(topology, world, broad, rank, state, shapes, kind, rows, count)
-    return _pack(topology, rows, count, like)
+    order = broadphase.order(topology, world, broad)
+    kinds = [_ball_bar(topology, shape, order), _ball_ball(topology, shape, order)]
+    kinds.append(_bar_bar(topology, world, shape, broad, order))
+    slots = _empty(topology.slots, shape.balls[0, 0])
+    for kind in kinds:
+        if kind is not None:
+            slots = _visit(kind, slots)
+    return _in_order(slots), slots.total
 
 
-def _kinds(topology: Topology, world: World, shapes: Shapes) -> list[_Kind]:
-    m = topology.bars
-    ball_bar, ball_ball, bar_bar = topology.ball_bar_pairs, topology.ball_pairs, topology.bar_pairs
+def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind | None:
+    m, pairs = topology.bars, topology.ball_bar_pairs
 
-    def body_of_bar(bar: jax.Array) -> jax.Array:
-        return jnp.where(bar < m, bar, m - 1 - bar)
+    def touch(ball_row: jax.Array, bar_row: jax.Array) -> Touches:
+        ball, bar = shapes.ball(ball_row), shapes.bar(bar_row)
+        frame = _frame(ball, bar)
+        segment = bar.segment if frame.shift is None else shapes.shifted(bar.segment, frame.shift)
+        return frame, (circle_segment(frame.first, ball.radius, segment),)
 
-    def second_bar(bar: jax.Array, pair: Pair) -> Segment:
-        segment = lanes.row(shapes.bars, bar)
-        return segment if pair.shift is None else _shifted(segment, pair.shift)
+    keys = []
+    for ball in range(topology.balls):
+        near = broadphase.overlap(_rows(shape.ball_box, ball, ball + 1), shape.bar_box) & shape.alive
+        keys.append(jnp.where(near, order.of(topology, m + ball, range(m)), KEY_NONE))
+    bodies = tuple((m + i, j if j < m else STATIC_BODY) for i, j in pairs)
+    return _Kind(pairs, bodies, 0, jnp.concatenate(keys)[:, None], (shape.balls, shape.bars), touch)
 
-    def ball_bar_points(ball: jax.Array, bar: jax.Array, pair: Pair) -> tuple[Touch, ...]:
-        return (circle_segment(pair.first, lanes.row(world.radius, ball), second_bar(bar, pair)),)
 
-    def ball_ball_points(i: jax.Array, j: jax.Array, pair: Pair) -> tuple[Touch, ...]:
-        return (circle_circle(pair.first, lanes.row(world.radius, i), pair.second, lanes.row(world.radius, j)),)
+def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind | None:
+    m, pairs = topology.bars, topology.ball_pairs
+    if not pairs:
+        return None
 
-    def bar_bar_points(i: jax.Array, j: jax.Array, pair: Pair) -> tuple[Touch, ...]:
-        return segment_segment(lanes.row(shapes.bars, i), second_bar(j, pair))
+    def touch(first_row: jax.Array, second_row: jax.Array) -> Touches:
+        first, second = shapes.ball(first_row), shapes.ball(second_row)
+        frame = _frame(first, second)
+        return frame, (circle_circle(frame.first, first.radius, frame.second, second.radius),)
 
-    balls_overlap = [
-        broadphase.overlap(*(jax.tree.map(lambda a, k=k: a[k : k + 1], shapes.ball_box) for k in pair))
-        for pair in ball_ball
+    keys = []
+    for i, j in pairs:
+        near = broadphase.overlap(*(_rows(shape.ball_box, k, k + 1) for k in (i, j)))
+        keys.append(jnp.where(near, order.moving[topology.pairs.index((m + i, m + j))][None], KEY_NONE))
+    bodies = tuple((m + i, m + j) for i, j in pairs)
+    first_id = len(topology.ball_bar_pairs)
+    return _Kind(pairs, bodies, first_id, jnp.concatenate(keys)[:, None], (shape.balls, shape.balls), touch)
+
+
+def _bar_bar(
+    topology: Topology, world: World, shape: Shapes, broad: BroadPhase, order: broadphase.Order
+) -> _Kind | None:
+    m, pairs = topology.bars, topology.bar_pairs
+    if not pairs:
+        return None
+
+    def touch(first_row: jax.Array, second_row: jax.Array) -> Touches:
+        first, second = shapes.bar(first_row), shapes.bar(second_row)
+        frame = _frame(first, second)
+        segment = second.segment if frame.shift is None else shapes.shifted(second.segment, frame.shift)
+        return frame, segment_segment(first.segment, segment)
+
+    keys, first_is_a = [], []
+    for bar in range(m):
+        others = range(bar + 1, m)
+        near = broadphase.overlap(_rows(shape.bar_box, bar, bar + 1), _rows(shape.bar_box, bar + 1, None))
+        keys.append(jnp.where(near & shape.alive[bar + 1 :], order.of(topology, bar, others), KEY_NONE))
+        moving = [order.low_is_a[topology.pairs.index((bar, other))] for other in others]
+        first_is_a += [*moving, *[broad.updated[bar]] * topology.statics]
+    info = [
+        jnp.concatenate(keys),
+        jnp.stack(first_is_a).astype(jnp.int32),
+        *jnp.broadcast_to(world.point_class, (4, len(pairs), *shape.alive.shape[1:])),
     ]
-    ball_bar_overlap = [
-        broadphase.overlap(jax.tree.map(lambda a, i=i: a[i : i + 1], shapes.ball_box), shapes.bar_box) & shapes.alive
-        for i in range(topology.balls)
-    ]
-    bar_bar_overlap = [
-        broadphase.overlap(
-            jax.tree.map(lambda a, i=i: a[i : i + 1], shapes.bar_box),
-            jax.tree.map(lambda a, i=i: a[i + 1 :], shapes.bar_box),
-        )
-        & shapes.alive[i + 1 :]
-        for i in range(m)
-    ]
-
-    def stack(parts: list[jax.Array]) -> jax.Array:
-        return jnp.concatenate(parts) if parts else shapes.alive[:0]
-
-    return [
-        _Kind(ball_bar, stack(ball_bar_overlap), ball_bar_points, lambda i, j: (m + i, body_of_bar(j)), 0),
-        _Kind(ball_ball, stack(balls_overlap), ball_ball_points, lambda i, j: (m + i, m + j), len(ball_bar)),
-        _Kind(
-            bar_bar,
-            stack(bar_bar_overlap),
-            bar_bar_points,
-            lambda i, j: (i, body_of_bar(j)),
-            len(ball_bar) + len(ball_ball),
-        ),
-    ]
+    bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
+    first_id = len(topology.ball_bar_pairs) + len(topology.ball_pairs)
+    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.bars, shape.bars), touch)
 
 
-def _empty(capacity: int, like: jax.Array) -> Points:
-    shape = (capacity, *like.shape)
-    number = jnp.zeros(shape, like.dtype)
-    whole = jnp.zeros(shape, jnp.int32)
-    vec = Vec(number, number)
-    return Points(whole, whole, whole, whole, vec, vec, vec, number)
+def _rows(box: Box, start: int, stop: int | None) -> Box:
+    return jax.tree.map(lambda side: side[start:stop], box)
 
 
-def _visit(
-    topology: Topology,
-    world: World,
-    broad: BroadPhase,
-    rank: jax.Array,
-    state: State,
-    shapes: Shapes,
-    kind: _Kind,
-    rows: Points,
-    count: jax.Array,
-) -> tuple[Points, jax.Array]:
-    """Append the points of the candidates of one kind to the rows."""
-    table = np.array(kind.pairs, np.int32)
-    table_first, table_second = jnp.asarray(table[:, 0]), jnp.asarray(table[:, 1])
-    m = topology.bars
+def _frame(first: Ball | Bar, second: Ball | Bar) -> _Frame:
+    """Return the world frame in float64; in float32 the first body's, with what rounding took from the positions."""
+    apart = second.centre - first.centre
+    if first.residue is None or second.residue is None:
+        return _Frame(apart, first.centre, second.centre, None)
+    apart = apart + (second.residue - first.residue)
+    return _Frame(apart, jax.tree.map(jnp.zeros_like, apart), apart, apart)
 
-    def visit(carry: tuple[jax.Array, Points, jax.Array]) -> tuple[jax.Array, Points, jax.Array]:
-        words, rows, count = carry
-        pair, words = lanes.first_set(words)
-        i, j = table_first[pair], table_second[pair]
-        overlap = lanes.row(kind.overlap, pair)
-        first, second = kind.bodies(i, j)
-        is_static = second < 0
-        key, first_is_a = _key(topology, world, broad, rank, first, second)
 
-        def second_row(of_bars: Vec, of_bodies: Vec) -> Vec:
-            return jax.lax.cond(
-                is_static,
-                lambda: lanes.row(of_bars, m - 1 - second),
-                lambda: lanes.row(of_bodies, jnp.maximum(second, 0)),
-            )
+def _empty(slots: int, like: jax.Array) -> _Slots:
+    whole = jnp.zeros((slots, *like.shape), jnp.int32)
+    points = Points(whole - 1, jnp.zeros((slots, NUMBERS, *like.shape), like.dtype))
+    return _Slots(whole + KEY_NONE, points, jnp.zeros_like(whole[0]))
 
-        pair_at = _pair(
-            lanes.row(state.position, first),
-            second_row(shapes.bar_centre, state.position),
-            lambda: (lanes.row(state.residue, first), second_row(shapes.bar_residue, state.residue)),
-        )
-        touches = kind.points(i, j, pair_at)
+
+def _visit(kind: _Kind, slots: _Slots) -> _Slots:
+    """Append the touching points of the candidates of one kind."""
+    rows, bodies = jnp.asarray(np.array(kind.pairs, np.int32)), jnp.asarray(np.array(kind.bodies, np.int32))
+    Loop = tuple[jax.Array, tuple[jax.Array, ...], tuple[jax.Array, ...], _Slots]
+
+    def load(words: tuple[jax.Array, ...]) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...]]:
+        """Read what the next candidate needs; anything if there is none."""
+        pair, words = lanes.take_first(words)
+        one, two = (lanes.read(table, rows[pair, end]) for end, table in enumerate(kind.tables))
+        tag = ((4 * (kind.first_id + pair)) << 2 * BODY_BITS) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
+        return (tag, lanes.read(kind.info, pair), one, two), words
+
+    def body(loop: Loop) -> Loop:
+        _, words, (tag, info, one, two), slots = loop
+        frame, touches = kind.touch(one, two)
         for place, touch in enumerate(touches):
-            arm_first, arm_second = touch.on_first - pair_at.first, touch.on_second - pair_at.second
-            touching = touch.touching & overlap
-            order = key if len(touches) == 1 else key | jnp.where(first_is_a, place, 1 - place)
-            point = Points(
-                jnp.where(touching, order, broadphase.KEY_NONE),
-                4 * (kind.first_id + pair) + _class(world, pair, touch.id, len(touches)),
-                jnp.broadcast_to(first, order.shape),
-                jnp.broadcast_to(jnp.where(is_static, STATIC, second), order.shape),
-                touch.normal,
-                arm_first,
-                arm_second,
-                dot((arm_second - arm_first) + pair_at.apart, touch.normal),
+            slots = _append(
+                slots, _key(info, place, touch), tag + (_id_class(info, touch) << 2 * BODY_BITS), frame, touch
             )
-            rows, count = lanes.set_row(rows, count, point), count + 1
-        return words, rows, count
+        return lanes.any_set(words), *load(words)[::-1], slots
 
-    start = lanes.any_lane(kind.overlap), rows, count
-    _, rows, count = jax.lax.while_loop(lambda carry: jnp.any(carry[0] != 0), visit, start)
-    return rows, count
+    words = lanes.any_lane(kind.info[:, 0] != KEY_NONE)
+    return jax.lax.while_loop(lambda loop: loop[0], body, (lanes.any_set(words), *load(words)[::-1], slots))[3]
 
 
-def _key(
-    topology: Topology, world: World, broad: BroadPhase, rank: jax.Array, first: jax.Array, second: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Return a pair's order key and whether its first body has role a."""
-
-    def static() -> tuple[jax.Array, jax.Array]:
-        place = -1 - second
-        counter = lanes.row(world.static_counter, first * topology.statics + place)
-        return broadphase.static_key(topology, broad, rank, first, place, counter), lanes.row(broad.updated, first)
-
-    def moving() -> tuple[jax.Array, jax.Array]:
-        low, high = jnp.minimum(first, second), jnp.maximum(first, second)
-        pair = low * (2 * topology.moving - low - 1) // 2 + high - low - 1
-        key, low_is_a = broadphase.moving_key(topology, broad, rank, low, high, pair)
-        return key, low_is_a == (low == first)
-
-    return static() if topology.moving == 1 else jax.lax.cond(second < 0, static, moving)
+def _key(info: jax.Array, place: int, touch: Touch) -> jax.Array:
+    """Return the order key of a point, KEY_NONE if it does not touch. Of two bars the first point of a comes first."""
+    key = info[0]
+    if info.shape[0] > 1:
+        key = key | jnp.where(info[1] != 0, place, 1 - place)
+    return jnp.where(touch.touching & (info[0] != KEY_NONE), key, KEY_NONE)
 
 
-def _class(world: World, pair: jax.Array, point_id: jax.Array, points: int) -> jax.Array:
+def _id_class(info: jax.Array, touch: Touch) -> jax.Array:
     """Return the id of a point of two bars, or the lower one that the reference cannot tell from it."""
-    if points == 1:
-        return point_id
-    classes = [lanes.row(world.point_class[k], pair) for k in range(4)]
-    return jnp.select(
-        [point_id == k for k in range(3)], [jnp.broadcast_to(k, point_id.shape) for k in classes[:3]], classes[3]
+    return touch.id if info.shape[0] == 1 else lanes.pick([info[2 + k] for k in range(4)], touch.id)
+
+
+def _append(slots: _Slots, key: jax.Array, tag: jax.Array, frame: _Frame, touch: Touch) -> _Slots:
+    """Give a point the next free slot of its lane; beyond the last one it is only counted."""
+    touching = key != KEY_NONE
+    arm_first, arm_second = touch.on_first - frame.first, touch.on_second - frame.second
+    distance = dot((arm_second - arm_first) + frame.apart, touch.normal)
+    vectors = (touch.normal, arm_first, arm_second)
+    numbers = lanes.stack([*(part for vec in vectors for part in (vec.x, vec.y)), distance])
+    here = (lanes.iota(slots.key.shape[0], key) == slots.total[None]) & touching[None]
+    points = Points(
+        jnp.where(here, tag[None], slots.points.tag), jnp.where(here[:, None], numbers[None], slots.points.numbers)
     )
+    return _Slots(jnp.where(here, key[None], slots.key), points, slots.total + touching.astype(jnp.int32))
 
 
-def _pack(topology: Topology, rows: Points, count: jax.Array, like: jax.Array) -> tuple[Points, jax.Array]:
-    """Pack the touching rows into slots by their order; a row beyond the last slot is left out (and counted)."""
-    slot = lanes.iota(topology.slots, like)
-    empty = _empty(topology.slots, like)
-    empty = Points(
-        empty.key,
-        empty.id - 1,
-        empty.first,
-        empty.second + STATIC,
-        *(empty.normal, empty.arm_first, empty.arm_second, empty.distance),
+def _in_order(slots: _Slots) -> Points:
+    """Return the points in the order of their keys."""
+    size = slots.key.shape[0]
+    used = jnp.minimum(jnp.max(slots.total), size)
+    place = lanes.visit(
+        slots.key,
+        used,
+        lambda _, key, place: place + (key[None] < slots.key).astype(jnp.int32),
+        jnp.zeros_like(slots.key),
     )
+    index = lanes.iota(size, slots.total)
 
-    def place(q: jax.Array, carry: tuple[Points, jax.Array]) -> tuple[Points, jax.Array]:
-        slots, total = carry
-        point = lanes.row(rows, q)
+    def put(_: jax.Array, row: tuple[jax.Array, Points], points: Points) -> Points:
+        place, point = row
+        here = index == place[None]
+        tag = jnp.where(here, point.tag[None], points.tag)
+        return Points(tag, jnp.where(here[:, None], point.numbers[None], points.numbers))
 
-        def before(r: jax.Array, position: jax.Array) -> jax.Array:
-            return position + (lanes.row(rows.key, r) < point.key).astype(jnp.int32)
-
-        position = jax.lax.fori_loop(0, count, before, jnp.zeros_like(point.key))
-        touching = point.key != broadphase.KEY_NONE
-        here = (slot == jnp.expand_dims(position, 0)) & jnp.expand_dims(touching, 0)
-        slots = jax.tree.map(lambda old, new: jnp.where(here, jnp.expand_dims(new, 0), old), slots, point)
-        return slots, total + touching.astype(jnp.int32)
-
-    return jax.lax.fori_loop(0, count, place, (empty, jnp.zeros_like(empty.key[0])))
+    return lanes.visit((place, slots.points), used, put, _empty(size, slots.points.numbers[0, 0]).points)

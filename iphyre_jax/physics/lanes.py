@@ -1,7 +1,13 @@
-"""Small helpers for arrays whose trailing axes are lanes (many worlds side by side)."""
+"""Small helpers for arrays whose trailing axes are lanes (many worlds side by side).
+
+Loops over rows keep what they work on in the loop's state: `visit` reads the next row at the end of an iteration. A
+row that is read where it is used becomes part of a fused loop whose index the compiler loads again for every lane,
+and such a loop is not vectorised.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import jax
@@ -9,23 +15,37 @@ import jax.numpy as jnp
 import numpy as np
 
 Tree = TypeVar("Tree")
+Carry = TypeVar("Carry")
 
-WORD = 32  # candidate pairs a machine word of flags
-
-
-def row(tree: Tree, index: jax.Array | int) -> Tree:
-    """Return row `index` of every array of `tree`; the index is the same for all lanes."""
-    if isinstance(index, int):
-        return jax.tree.map(lambda leaf: leaf[index], tree)
-    return jax.tree.map(lambda leaf: jax.lax.dynamic_index_in_dim(leaf, index, 0, keepdims=False), tree)
+WORD = 32  # flags a machine word
 
 
-def set_row(tree: Tree, index: jax.Array, value: Tree) -> Tree:
-    """Return `tree` with row `index` of every array replaced; the index is the same for all lanes."""
-    return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_index_in_dim(leaf, new, index, 0), tree, value)
+def read(tables: Tree, row: jax.Array) -> Tree:
+    """Return one row of every array of `tables`; the index is the same for all lanes."""
+    return jax.tree.map(lambda table: jax.lax.dynamic_index_in_dim(table, row, 0, keepdims=False), tables)
 
 
-def pick(rows: list[jax.Array], index: jax.Array) -> jax.Array:
+def write(tables: Tree, row: jax.Array, values: Tree) -> Tree:
+    """Return `tables` with one row of every array replaced; the index is the same for all lanes."""
+    return jax.tree.map(lambda table, value: jax.lax.dynamic_update_index_in_dim(table, value, row, 0), tables, values)
+
+
+def stack(rows: Sequence[jax.Array], axis: int = 0) -> jax.Array:
+    """Stack arrays; the barrier keeps the compiler from computing each row again inside one branching loop."""
+    return jax.lax.optimization_barrier(jnp.stack(rows, axis))
+
+
+def visit(tables: Tree, count: jax.Array, body: Callable[[jax.Array, Tree, Carry], Carry], carry: Carry) -> Carry:
+    """Return `carry` after body(k, row k of the tables, carry) for k = 0 .. count - 1; count may be traced."""
+
+    def once(k: jax.Array, loop: tuple[Tree, Carry]) -> tuple[Tree, Carry]:
+        rows, carry = loop
+        return read(tables, k + 1), body(k, rows, carry)
+
+    return jax.lax.fori_loop(0, count, once, (read(tables, jnp.int32(0)), carry))[1]
+
+
+def pick(rows: Sequence[jax.Array], index: jax.Array) -> jax.Array:
     """Return in each lane the row that `index` names there, 0 where it names none."""
     out = jnp.zeros_like(rows[0])
     for i, value in enumerate(rows):
@@ -38,27 +58,36 @@ def iota(n: int, like: jax.Array) -> jax.Array:
     return jnp.arange(n, dtype=jnp.int32).reshape(n, *(1,) * like.ndim)
 
 
-def any_lane(flags: jax.Array) -> jax.Array:
-    """Return for each row of (P, *lanes) flags whether any lane has it set, as words of 32 bits, (words,) uint32.
+def any_lane(flags: jax.Array) -> tuple[jax.Array, ...]:
+    """Return for each row of (P, *lanes) flags whether any lane has it set, as words of 32 bits, () uint32 each.
 
     One OR-reduction over integers is much faster on a CPU than P reductions over booleans.
     """
     words = []
     for start in range(0, flags.shape[0], WORD):
         part = flags[start : start + WORD]
-        bits = np.left_shift(np.uint32(1), np.arange(part.shape[0], dtype=np.uint32)).reshape(
-            -1, *(1,) * (part.ndim - 1)
-        )
+        bits = np.left_shift(np.uint32(1), np.arange(part.shape[0], dtype=np.uint32))
+        bits = bits.reshape(-1, *(1,) * (part.ndim - 1))
         packed = jnp.sum(jnp.where(part, bits, np.uint32(0)), axis=0, dtype=jnp.uint32)
         words.append(jax.lax.reduce(packed, np.uint32(0), jax.lax.bitwise_or, tuple(range(packed.ndim))))
-    return jnp.stack(words)
+    return tuple(words)
 
 
-def first_set(words: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return the index of the lowest set bit of `words`, and the words without it. At least one bit must be set."""
-    word, value = jnp.int32(0), words[0]
-    for later in range(1, words.shape[0]):  # the first word that is not empty
-        empty = value == 0
-        word, value = jnp.where(empty, jnp.int32(later), word), jnp.where(empty, words[later], value)
-    lowest = jax.lax.population_count((value & (~value + np.uint32(1))) - np.uint32(1))
-    return word * WORD + lowest.astype(jnp.int32), words.at[word].set(value & (value - np.uint32(1)))
+def any_set(words: tuple[jax.Array, ...]) -> jax.Array:
+    """Return whether any flag is set."""
+    out = words[0] != 0
+    for word in words[1:]:
+        out = out | (word != 0)
+    return out
+
+
+def take_first(words: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    """Return the index of the first set flag, and the words without it; beyond the last one if none is set."""
+    index, open_, left = jnp.int32(WORD * len(words)), words[0] == words[0], []
+    for k, word in enumerate(words):
+        here = open_ & (word != 0)
+        lowest = jax.lax.population_count((word & (~word + np.uint32(1))) - np.uint32(1)).astype(jnp.int32)
+        index = jnp.where(here, WORD * k + lowest, index)
+        left.append(jnp.where(here, word & (word - np.uint32(1)), word))
+        open_ = open_ & (word == 0)
+    return index, tuple(left)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import broadphase, contacts, joints, solver
+from iphyre_jax.physics import broadphase, contacts, joints, shapes, solver
 from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
 
@@ -45,7 +45,7 @@ def initial_state(topology: Topology, world: World) -> State:
         step=jnp.zeros(lane, jnp.int32),
         overflow=jnp.zeros(lane, bool),
     )
-    boxes = contacts.moving_boxes(topology, contacts.world_shapes(topology, world, state))
+    boxes = shapes.moving_boxes(topology, shapes.world_shapes(topology, world, state))
     fat = broadphase.grow(boxes, at_rest)
     return replace(state, broad=replace(blank, fat=fat))
 
@@ -94,10 +94,10 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     masses and bounce see velocities before springs and gravity; cached impulses come after both.
     """
     state = integrate_positions(state, timing)
-    shapes = contacts.world_shapes(topology, world, state)
-    boxes = contacts.moving_boxes(topology, shapes)
+    shape = shapes.world_shapes(topology, world, state)
+    boxes = shapes.moving_boxes(topology, shape)
     broad = broadphase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
-    points, touching = contacts.collide(topology, world, shapes, broad, state)
+    points, touching = contacts.collide(topology, world, shape, broad)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(state.motion, topology.moving)
@@ -105,9 +105,9 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     links = joints.prepare(topology, world, timing, state)
     motions = joints.apply_springs(topology, links, motions)
     motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(contact, used, motions)
+    motions = solver.apply_cached(world, contact, used, motions)
     motions = joints.apply_cached(topology, links, motions, state.place)
-    contact, links, motions = solver.solve(topology, timing, contact, used, links, motions, state.place)
+    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, state.place)
 
     pins = [link.impulse for link in links[: len(topology.pins)]]
     return replace(

@@ -1,0 +1,120 @@
+"""All shapes of a world where they are now, as rows that the collision loops read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.physics.narrowphase import Segment
+from iphyre_jax.physics.types import Box, State, Topology, World
+from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
+
+Tree = TypeVar("Tree")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Shapes:
+    """m moving bars, then S static ones; balls.
+
+    The reference computes contacts in the world frame, and so does float64. In float32 coordinates of hundreds of px
+    cost three digits, so there all is relative: bars to their centres here, pairs to the first body in `contacts`.
+    """
+
+    bars: jax.Array  # (m + S, fields): ends (in float32 relative to the centre), normal, centre, residue of float32
+    balls: jax.Array  # (balls, fields): centre, radius, residue of float32
+    bar_box: Box  # (m + S,)
+    ball_box: Box  # (balls,)
+    alive: jax.Array  # (m + S,) bool
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One bar, from a row of `Shapes.bars`."""
+
+    segment: Segment
+    centre: Vec  # px
+    residue: Vec | None  # px, belongs to the centre; None in float64
+
+
+@dataclass(frozen=True)
+class Ball:
+    """One ball, from a row of `Shapes.balls`."""
+
+    centre: Vec  # px
+    radius: jax.Array  # px
+    residue: Vec | None
+
+
+def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
+    """Return all shapes where they are now."""
+    m = topology.bars
+    angle, centre = state.angle[:m], state.position[:m]
+    turn = Vec(jnp.cos(angle), jnp.sin(angle))
+
+    def place(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
+        x = product(turn.x, local.x) + product(-turn.y, local.y)
+        y = product(turn.y, local.x) + product(turn.x, local.y)
+        return Vec(x, y)
+
+    moving = Segment(place(world.bar_a), place(world.bar_b), place(world.bar_normal))
+    static = Segment(world.static_a, world.static_b, world.static_normal)
+    in_world = _join(shifted(moving, centre), static)
+    bar_centre = _join(centre, world.static_centre)
+    balls = state.position[m:]
+    bars = in_world
+    of_bars: tuple[jax.Array, ...] = ()
+    of_balls: tuple[jax.Array, ...] = ()
+    if not rounds_as_reference(centre):
+        bars = _join(moving, shifted(static, -world.static_centre))
+        still = jax.tree.map(jnp.zeros_like, world.static_centre)
+        of_bars, of_balls = _xy(_join(state.residue[:m], still)), _xy(state.residue[m:])
+    return Shapes(
+        bars=lanes.stack([*_xy(bars.a), *_xy(bars.b), *_xy(bars.normal), *_xy(bar_centre), *of_bars], axis=1),
+        balls=lanes.stack([*_xy(balls), world.radius, *of_balls], axis=1),
+        bar_box=_bar_box(in_world),
+        ball_box=Box(balls.x - world.radius, balls.y - world.radius, balls.x + world.radius, balls.y + world.radius),
+        alive=jnp.concatenate([jnp.ones_like(angle, bool), state.alive]),
+    )
+
+
+def bar(row: jax.Array) -> Bar:
+    """Return the bar of one row, (fields,)."""
+    segment = Segment(Vec(row[0], row[1]), Vec(row[2], row[3]), Vec(row[4], row[5]))
+    return Bar(segment, Vec(row[6], row[7]), Vec(row[8], row[9]) if row.shape[0] > 8 else None)
+
+
+def ball(row: jax.Array) -> Ball:
+    """Return the ball of one row, (fields,)."""
+    return Ball(Vec(row[0], row[1]), row[2], Vec(row[3], row[4]) if row.shape[0] > 3 else None)
+
+
+def shifted(segment: Segment, by: Vec) -> Segment:
+    """Return a segment moved by a vector."""
+    return Segment(segment.a + by, segment.b + by, segment.normal)
+
+
+def _xy(vec: Vec) -> tuple[jax.Array, jax.Array]:
+    return vec.x, vec.y
+
+
+def _join(first: Tree, second: Tree) -> Tree:
+    """Concatenate the rows of two trees."""
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), first, second)
+
+
+def _bar_box(segment: Segment) -> Box:
+    r = BAR_RADIUS
+    low_x, high_x = jnp.minimum(segment.a.x, segment.b.x), jnp.maximum(segment.a.x, segment.b.x)
+    low_y, high_y = jnp.minimum(segment.a.y, segment.b.y), jnp.maximum(segment.a.y, segment.b.y)
+    return Box(low_x - r, low_y - r, high_x + r, high_y + r)
+
+
+def moving_boxes(topology: Topology, shapes: Shapes) -> Box:
+    """Return the exact boxes of the moving bodies, bars first."""
+    return _join(jax.tree.map(lambda side: side[: topology.bars], shapes.bar_box), shapes.ball_box)
