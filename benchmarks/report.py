@@ -1,0 +1,188 @@
+"""The tables and the JSON of a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+import iphyre_jax
+from benchmarks.engines import STEPPING
+from benchmarks.measure import Measurement, ratio
+from benchmarks.scaling import Scale
+from benchmarks.startup import Startup
+from benchmarks.work import MIXED
+from iphyre_jax.configuration import usable_cores
+from iphyre_jax.train.provenance import source_commit
+
+SCHEMA = 1  # of the JSON file
+
+
+@dataclass
+class Results:
+    """What a run has found so far.
+
+    Attributes:
+        around: what a reader needs to repeat it.
+        problems: what could not be measured, one line each.
+        engines: what each engine is made of.
+        measurements: engines on works.
+        startups: times to a first result.
+        scales: speed by batch and threads.
+        bytes_a_world: carried state by game and type.
+    """
+
+    around: dict[str, Any]
+    problems: list[str] = field(default_factory=list)
+    engines: dict[str, dict[str, Any]] = field(default_factory=dict)
+    measurements: list[Measurement] = field(default_factory=list)
+    startups: list[Startup] = field(default_factory=list)
+    scales: list[Scale] = field(default_factory=list)
+    bytes_a_world: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def of(self, work: str, fps: int) -> dict[str, Measurement]:
+        """The measurements of one work by engine."""
+        return {one.engine: one for one in self.measurements if (one.work, one.fps) == (work, fps)}
+
+    def rates(self) -> list[int]:
+        """The frame rates that were measured."""
+        return list(dict.fromkeys(one.fps for one in self.measurements))
+
+
+def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Machine, versions, commit and options."""
+    names = ("jax", "jaxlib", "numpy", "pymunk")
+    return {
+        "machine": {
+            "system": platform.platform(),
+            "processor": processor(),
+            "cores": usable_cores(),
+            "load": os.getloadavg()[0],  # other work on the machine at the start; above 0.5 the figures suffer
+        },
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in names}},
+        "commit": source_commit(),
+        "options": dict(options),
+    }
+
+
+def processor() -> str:
+    """The processor's name, as far as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor() or platform.machine()
+
+
+def as_json(results: Results) -> str:
+    """The whole run as JSON."""
+    document = {
+        "schema": SCHEMA,
+        **results.around,
+        "problems": results.problems,
+        "engines": results.engines,
+        "measurements": [_row(one) for one in results.measurements],
+        "startups": [asdict(one) for one in results.startups],
+        "scales": [{"batch": one.batch, "threads": one.threads, **_row(one.measured)} for one in results.scales],
+        "bytes_a_world": results.bytes_a_world,
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def _row(one: Measurement) -> dict[str, Any]:
+    spread = {"median": one.rate, "low": min(one.rates), "high": max(one.rates)}
+    return {**asdict(one), "compile_seconds": one.compile_seconds, "steps_per_second": spread}
+
+
+def show(results: Results, console: Console) -> None:
+    """Print every table that the run has something for."""
+    for fps in results.rates():
+        if mixture := results.of(MIXED, fps):
+            console.print(mixture_table(mixture, fps))
+        if games := [game for game in iphyre_jax.GAMES if results.of(game, fps)]:
+            console.print(game_table(results, games, fps))
+    if results.startups:
+        console.print(startup_table(results.startups))
+    if results.scales:
+        console.print(scaling_table(results.scales))
+    if sizes := results.bytes_a_world:
+        game, most = max(((game, by["float32"]) for game, by in sizes.items()), key=lambda pair: pair[1])
+        console.print(f"carried state a world in float32: at most {most} bytes ({game})")
+    for problem in results.problems:
+        console.print(problem, highlight=False)
+
+
+def table(title: str, *columns: str) -> Table:
+    """An empty table whose first column is text."""
+    made = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for k, column in enumerate(columns):
+        made.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
+    return made
+
+
+def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
+    """All engines on all games in equal parts."""
+    title = f"All games mixed, {fps} fps: million steps a second"
+    made = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
+    base = mixture.get(STEPPING)
+    for name, one in mixture.items():
+        made.add_row(
+            name,
+            millions(one.rate),
+            f"{millions(min(one.rates))} - {millions(max(one.rates))}",
+            f"{ratio(one, base):.3g}" if base else "-",
+            f"{100 * one.same_steps:.1f} %",
+            f"{100 * one.solved:.1f} %",
+            f"{one.compile_seconds:.1f}",
+            str(one.episodes),
+        )
+    return made
+
+
+def game_table(results: Results, games: Sequence[str], fps: int) -> Table:
+    """Every game: steps a second of all engines, and how many times pymunk's."""
+    names = list(dict.fromkeys(name for game in games for name in results.of(game, fps)))
+    ours = [name for name in names if name.startswith("iphyre_jax")]
+    ratios = [f"{name.removeprefix('iphyre_jax ')} x pymunk" for name in ours]
+    made = table(f"Game by game, {fps} fps: million steps a second", "game", "moving", *names, *ratios)
+    for game in games:
+        found = results.of(game, fps)
+        cells = [millions(found[name].rate) if name in found else "-" for name in names]
+        times = [f"{ratio(found[n], found[STEPPING]):.3g}" if {n, STEPPING} <= found.keys() else "-" for n in ours]
+        made.add_row(game, str(int(iphyre_jax.load_scene(game).dynamic.sum())), *cells, *times)
+    return made
+
+
+def startup_table(startups: Sequence[Startup]) -> Table:
+    """Seconds from the start of a process to its first result."""
+    title = f"Seconds from process start to the first result, float32, {startups[0].batch} worlds"
+    made = table(title, "games", "moving", "empty cache", "warm cache")
+    for one in startups:
+        made.add_row(one.work, str(one.moving), f"{one.empty:.1f}", f"{one.warm:.1f}")
+    return made
+
+
+def scaling_table(scales: Sequence[Scale]) -> Table:
+    """Million steps a second by batch and threads."""
+    threads = list(dict.fromkeys(one.threads for one in scales))
+    heads = [f"{n} thread{'s' * (n > 1)}" for n in threads]
+    made = table("All games mixed, 10 fps, float32: million steps a second", "batch", *heads)
+    for batch in dict.fromkeys(one.batch for one in scales):
+        rates = {one.threads: one.measured.rate for one in scales if one.batch == batch}
+        made.add_row(str(batch), *(millions(rates[n]) for n in threads))
+    return made
+
+
+def millions(rate: float) -> str:
+    """Steps a second in millions, three digits."""
+    return f"{rate / 1e6:.3g}"

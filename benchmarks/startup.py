@@ -1,0 +1,72 @@
+"""From the start of a process to its first result, with an empty and with a warm compilation cache."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import IO, cast
+
+import iphyre_jax
+from benchmarks.crew import ROOT
+from benchmarks.work import MIXED
+
+
+@dataclass(frozen=True)
+class Startup:
+    """Seconds from the start of a process to the result of its first batch.
+
+    Attributes:
+        work: a game, or "mixed" for all forty.
+        moving: moving bodies; the most of any of the games.
+        batch: worlds.
+        empty: s, with an empty cache: compilation and the trial of the compiler options included.
+        warm: s, in a second process.
+    """
+
+    work: str
+    moving: int
+    batch: int
+    empty: float
+    warm: float
+
+
+def one_for_each_size() -> list[str]:
+    """The first game with each number of moving bodies."""
+    sizes = {game: int(iphyre_jax.load_scene(game).dynamic.sum()) for game in iphyre_jax.GAMES}
+    return [next(game for game in sizes if sizes[game] == size) for size in sorted(set(sizes.values()))]
+
+
+def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[], None]) -> list[Startup]:
+    """Measure each job, the games of one process, in fresh processes.
+
+    Args:
+        jobs: names of games, those of each process.
+        batch: worlds.
+        done: called after each job.
+    """
+    found = []
+    for games in jobs:
+        with tempfile.TemporaryDirectory() as folder:
+            empty, warm = (_seconds(os.path.join(folder, "cache"), batch, games) for _ in range(2))  # noqa: PTH118
+        moving = max(int(iphyre_jax.load_scene(game).dynamic.sum()) for game in games)
+        found.append(Startup(games[0] if len(games) == 1 else MIXED, moving, batch, empty, warm))
+        done()
+    return found
+
+
+def _seconds(cache: str, batch: int, games: Sequence[str]) -> float:
+    """Run one process until it has told its result."""
+    around = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-m", "benchmarks.workers.first_result", cache, str(batch), *games]
+    begin = time.perf_counter()
+    with subprocess.Popen(command, env=around, text=True, stdout=subprocess.PIPE) as process:  # noqa: S603
+        answered = cast(IO[str], process.stdout).readline()
+        seconds = time.perf_counter() - begin
+    if not answered:
+        raise RuntimeError(f"no first result of {', '.join(games)}: the process ended with {process.returncode}")
+    return seconds

@@ -1,0 +1,75 @@
+"""The work that every engine is given: plans of one game or of a mixture, from one recorded seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import iphyre_jax
+from benchmarks.workers.protocol import Job
+from iphyre_jax.scenes import MAX_ELIMINABLE, scene_to_dict
+from parity.plans import random_plans
+
+DURATION = 15  # s: 150 steps at 10 fps, 900 at 60
+MIXED = "mixed"
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Episodes to play.
+
+    Rows go round the games: row r is plan r // G of game r % G, so that the first rows are always a
+    mixture too, and a cheap engine and a dear one share their first plans.
+
+    Attributes:
+        name: a game, or "mixed".
+        games: names of the G games.
+        fps: physics steps a second.
+        plans: (B, 6) step before which each eliminable block goes, -1 for never.
+    """
+
+    name: str
+    games: tuple[str, ...]
+    fps: int
+    plans: NDArray[np.int32]
+
+    @property
+    def steps(self) -> int:
+        """The most steps of an episode."""
+        return DURATION * self.fps
+
+    def first(self, rows: int) -> Work:
+        """The first so many rows."""
+        return replace(self, plans=self.plans[:rows])
+
+    def shares(self, parts: int) -> list[NDArray[np.intp]]:
+        """Rows for each of several processes: whole rounds of the games in turn, so that all have equal work."""
+        owner = np.arange(len(self.plans)) // len(self.games) % parts
+        return [np.flatnonzero(owner == part) for part in range(parts)]
+
+    def job(self, rows: NDArray[np.intp]) -> dict[str, Any]:
+        """Some rows as the message that a worker understands."""
+        scenes = [scene_to_dict(iphyre_jax.load_scene(game)) for game in self.games]
+        which = rows % len(self.games)
+        return asdict(Job(scenes, which.tolist(), self.plans[rows].tolist(), self.fps, self.steps))
+
+
+def make_work(games: Sequence[str], rounds: int, fps: int, seed: int) -> Work:
+    """Draw plans as the comparison with the reference does.
+
+    Args:
+        games: one name, or several for a mixture.
+        rounds: plans a game; the first removes nothing.
+        fps: physics steps a second.
+        seed: of the plans.
+    """
+    plans = np.full((rounds, len(games), MAX_ELIMINABLE), -1, np.int32)
+    for k, game in enumerate(games):
+        drawn = random_plans(iphyre_jax.load_scene(game), rounds, fps, seed)
+        plans[:, k, : drawn.shape[1]] = drawn
+    name = games[0] if len(games) == 1 else MIXED
+    return Work(name, tuple(games), fps, plans.reshape(-1, MAX_ELIMINABLE))

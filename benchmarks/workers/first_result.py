@@ -1,0 +1,21 @@
+"""Time to a first result: ``python -m benchmarks.workers.first_result CACHE BATCH GAME...`` plays once and says so."""
+
+import sys
+
+import numpy as np
+
+import iphyre_jax
+from benchmarks.work import DURATION, make_work
+
+
+def main(cache: str, batch: int, games: list[str]) -> None:
+    """Play a batch over the games at 10 fps in float32, with programs from the cache or for it."""
+    iphyre_jax.configure(cache=cache)
+    work = make_work(games, -(-batch // len(games)), 10, seed=0).first(batch)
+    which = np.arange(batch) % len(games)
+    played = iphyre_jax.simulate_many(games, which, work.plans, fps=10, duration=DURATION)
+    print(int(played.steps.sum()), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), sys.argv[3:])

@@ -1,0 +1,93 @@
+"""Jax2D in a worker of its own environment: ``python -m benchmarks.workers.jax2d_player``.
+
+Only its speed compares, for its physics is another. A job of several games is padded to the most bars, balls and joints
+of any, as Jax2D means to be used: one `jax.vmap` over scenes of all kinds.
+"""
+
+from functools import partial
+from importlib.metadata import version
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax2d.engine import PhysicsEngine
+from jax2d.sim_state import SimParams, SimState
+
+from benchmarks.workers.jax2d_scenes import bars, places, room_for, state_of
+from benchmarks.workers.protocol import Job, Played, removed_before, reward, serve
+
+
+class Jax2D:
+    """`PhysicsEngine.step` under `jax.vmap` in a loop that ends when all episodes are over."""
+
+    def versions(self) -> dict[str, str]:
+        """What the environment holds."""
+        return {name: version(name) for name in ("jax2d", "jax", "jaxlib")}
+
+    def load(self, job: Job) -> None:
+        """Make the states and the program."""
+        self.job = job
+        self.room = room_for(job.scenes)
+        engine = PhysicsEngine(self.room)
+        starts = [state_of(scene, self.room) for scene in job.scenes]
+        which = np.array(job.which)
+        self.start = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)[which]), *starts)
+        self.removal = jnp.asarray(self._removals())
+        self.run = jax.jit(partial(_episodes, engine, SimParams(dt=1 / job.fps), job.steps))
+
+    def _removals(self) -> np.ndarray:
+        """(B, polygons) step before which each bar goes, -1 for never."""
+        removal = np.full((len(self.job.plans), self.room.num_polygons), -1, np.int32)
+        for row, (k, plan) in enumerate(zip(self.job.which, self.job.plans, strict=True)):
+            scene = self.job.scenes[k]
+            place = places(scene, self.room)
+            eliminable = [place[i] for i in range(len(bars(scene))) if scene["eli"][i]]
+            removal[row, eliminable] = plan[: len(eliminable)]
+        return removal
+
+    def ready(self) -> None:
+        """Nothing to prepare."""
+
+    def play(self) -> None:
+        """Play all plans in one call."""
+        self.played = jax.device_get(self.run(self.start, self.removal))
+
+    def outcome(self) -> Played:
+        """Steps and success as found, and the rewards that follow from them."""
+        steps, success = (values.tolist() for values in self.played)
+        fps = self.job.fps
+        rewards = [
+            reward(solved, removed_before(plan, made), made, fps)
+            for solved, made, plan in zip(success, steps, self.job.plans, strict=True)
+        ]
+        return Played(steps, success, rewards)
+
+
+def _episodes(
+    engine: PhysicsEngine, params: SimParams, limit: int, start: SimState, removal: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Play (B,) episodes; return the steps really made and the success."""
+    room = engine.static_sim_params
+    idle = jnp.zeros(room.num_joints + room.num_thrusters)
+    step = jax.vmap(engine.step, in_axes=(0, None, None))
+
+    def running(carry: tuple[Any, ...]) -> jax.Array:
+        k, _, _, over = carry
+        return (k < limit) & ~jnp.all(over)
+
+    def once(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        k, state, steps, over = carry
+        polygon = state.polygon.replace(active=state.polygon.active & (removal != k))
+        state, _ = step(state.replace(polygon=polygon), params, idle)
+        below = (state.circle.position[..., 1] < 0) | ~state.circle.active
+        return k + 1, state, steps + ~over, over | jnp.all(below, axis=1)
+
+    batch = removal.shape[0]
+    begin = 0, start, jnp.zeros(batch, jnp.int32), jnp.zeros(batch, bool)
+    _, _, steps, over = jax.lax.while_loop(running, once, begin)
+    return steps, over
+
+
+if __name__ == "__main__":
+    serve(Jax2D())

@@ -1,0 +1,66 @@
+"""The official class in a worker of its own environment: ``python -m benchmarks.workers.official``.
+
+`IPHYRE.step` is called once a step, as its learning environments do: it steps, rewards, looks for success and returns
+the observation. A click takes a block; where a plan removes several blocks before one step, all but the last are
+removed by `eliminate` first.
+"""
+
+from importlib.metadata import version
+
+from iphyre.simulator import IPHYRE
+
+from benchmarks.workers.protocol import Job, Played, serve
+
+NOTHING = [0.0, 0.0]  # the click that removes no block
+REMOVAL = -10.0
+
+
+class Official:
+    """iphyre's own class, a new one for each episode: what went on in an older space would change contact orders."""
+
+    def versions(self) -> dict[str, str]:
+        """What the environment holds."""
+        return {name: version(name) for name in ("iphyre", "pymunk", "numpy")}
+
+    def load(self, job: Job) -> None:
+        """Find the clicks of each game."""
+        self.job = job
+        names = [scene["name"] for scene in job.scenes]
+        clicks = [IPHYRE(name, fps=job.fps).get_action_space()[1:] for name in names]
+        self.episodes = []
+        for k, plan in zip(job.which, job.plans, strict=True):
+            due: dict[int, list[list[float]]] = {}
+            for column, at in enumerate(plan):
+                if at >= 0:
+                    due.setdefault(at, []).append(clicks[k][column])
+            self.episodes.append((names[k], due))
+
+    def ready(self) -> None:
+        """Nothing to prepare."""
+
+    def play(self) -> None:
+        """Play all plans."""
+        self.played = [self._episode(name, due) for name, due in self.episodes]
+
+    def _episode(self, name: str, due: dict[int, list[list[float]]]) -> tuple[int, bool, float]:
+        game = IPHYRE(name, fps=self.job.fps)
+        game.reset()
+        total, made, done = 0.0, 0, False
+        while made < self.job.steps and not done:
+            *others, click = due.get(made) or [NOTHING]
+            for other in others:
+                game.eliminate(other)
+                total += REMOVAL
+            _, gain, done = game.step(click)
+            total += gain
+            made += 1
+        return made, bool(done), total
+
+    def outcome(self) -> Played:
+        """Steps, success and the sum of the class's own rewards."""
+        steps, success, reward = zip(*self.played, strict=True)
+        return Played(list(steps), list(success), list(reward))
+
+
+if __name__ == "__main__":
+    serve(Official())

@@ -1,0 +1,101 @@
+"""What a run leaves: options checked, tables, JSON and pictures."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from benchmarks import __main__ as command
+from benchmarks import plots, report, scaling, venvs
+from benchmarks.engines import FLOAT32, STEPPING
+from benchmarks.measure import Measurement
+from benchmarks.startup import Startup, one_for_each_size
+from iphyre_jax import GAMES, load_scene
+
+
+def measurement(engine: str, work: str, seconds: tuple[float, ...]) -> Measurement:
+    return Measurement(engine, work, 10, 8, 1000, 0.5, 480.0, 1.0, 3.0, seconds)
+
+
+@pytest.fixture
+def results() -> report.Results:
+    found = report.Results(report.circumstances({"seed": 0}), problems=["Jax2D is not measured: no network"])
+    for work in ("mixed", "hole", "fill"):
+        found.measurements += [
+            measurement(STEPPING, work, (0.5, 0.4, 0.6)),
+            measurement(FLOAT32, work, (0.05, 0.1, 0.06)),
+        ]
+    found.startups = [Startup("hole", 1, 1024, 5.0, 2.0)]
+    found.scales = [scaling.Scale(64, 2, measurement(FLOAT32, "mixed", (1.0,)))]
+    found.bytes_a_world = {"hole": {"float32": scaling.carried_bytes("hole", "float32")}}
+    return found
+
+
+def test_json_has_all_that_a_reader_needs(results: report.Results) -> None:
+    document = json.loads(report.as_json(results))
+    assert {"schema", "machine", "versions", "commit", "options", "problems", "engines"} <= document.keys()
+    assert {"measurements", "startups", "scales", "bytes_a_world"} <= document.keys()
+    assert {"processor", "cores", "system", "load"} == document["machine"].keys()
+    first = document["measurements"][0]
+    assert first["steps_per_second"] == pytest.approx({"median": 2000.0, "low": 1000 / 0.6, "high": 2500.0})
+    assert first["compile_seconds"] == 2.5
+    assert {"engine", "work", "fps", "episodes", "steps", "solved", "reward", "seconds"} <= first.keys()
+
+
+def test_tables_tell_ratios_turn_by_turn(results: report.Results) -> None:
+    text = io.StringIO()
+    report.show(results, Console(file=text, width=150))
+    shown = text.getvalue()
+    ours = next(line for line in shown.splitlines() if line.split()[:2] == ["iphyre_jax", "float32"])
+    assert ours.split()[2:7] == ["0.0167", "0.01", "-", "0.02", "10"]  # median of 10, 4 and 10
+    assert "Jax2D is not measured: no network" in shown
+    assert "carried state a world in float32: at most" in shown
+
+
+def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
+    assert [file.name for file in command.save(results, tmp_path)] == ["benchmarks.json", "engines.png", "scaling.png"]
+    assert (tmp_path / "engines.png").read_bytes().startswith(b"\x89PNG")
+    nothing = report.Results({})
+    assert not plots.bars(nothing, tmp_path / "none.png")
+    assert not plots.scaling(nothing, tmp_path / "none.png")
+
+
+def test_state_is_counted_in_bytes() -> None:
+    single, double = (scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64"))
+    assert 0 < single < double < 2 * single
+    assert single < scaling.carried_bytes("multi_ball_stack", "float32")
+
+
+def test_one_game_stands_for_each_number_of_moving_bodies() -> None:
+    sizes = [int(load_scene(game).dynamic.sum()) for game in one_for_each_size()]
+    assert sizes == sorted({int(load_scene(game).dynamic.sum()) for game in GAMES})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--turns", "0"], "--turns: expected an integer of at least 1, got 0"),
+        (["--seed", "-1"], "--seed: expected an integer of at least 0, got -1"),
+        (["--games", "hol"], "scene: expected the name of a game"),
+        (["--batches", "0"], "--batches"),
+        (["--fps"], "--fps"),
+    ],
+)
+def test_bad_options_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_an_environment_that_cannot_be_made_is_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(venvs, "FOLDER", tmp_path)
+    monkeypatch.setattr(venvs.sys, "executable", str(tmp_path / "python"))
+    with pytest.raises(RuntimeError, match=r"^no environment for jax2d: [^\n]*$"):
+        venvs.python_of("jax2d")
