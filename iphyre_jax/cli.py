@@ -22,8 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code.
 
-    0 if all went well, 2 with one line on the standard error for a mistake of the caller, 130 for
-    a run that was ended with Ctrl-C.
+    0 if all went well, also after --help; 2 with one line on the standard error for a mistake of the caller, or with a
+    short box if an option is wrong; 130 for a run that was ended with Ctrl-C.
     """
     try:
         commands = importlib.import_module("iphyre_jax.commands")
@@ -34,6 +34,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"this command needs the extra 'train' ({error.name} is missing): pip install 'iphyre-jax[train]'")
     except (ValueError, OSError) as error:
         return _fail(str(error))
+    except SystemExit as end:  # of the parser: --help and wrong options
+        return end.code if isinstance(end.code, int) else ERROR if end.code else 0
     except KeyboardInterrupt:
         return INTERRUPTED
 

@@ -106,7 +106,6 @@ def _train(command: Train, console: Console) -> int:
     config = command.config
     config.check()
     folder = command.out or runs.default_path(config)
-    console.print(f"Run folder: {folder}")
     outcome = loop.train(config, folder, console)
     if not outcome.finished:
         console.print(f"Saved in {folder}; `iphyre-jax evaluate {folder}` evaluates it.")

@@ -74,6 +74,30 @@ def test_a_mistake_gets_one_line(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", "--nonsense"], "--nonsense"),
+        (["train", "--fps", "ten"], "--fps"),
+        (["train", "--head", "beta"], "invalid choice 'beta'"),
+        (["simulate"], "A game's name or a scene file"),
+        (["nonsense"], "train, evaluate, simulate, games"),
+        ([], "train, evaluate, simulate, games"),
+    ],
+)
+def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run(arguments) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert not printed.out
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate", "simulate", "games"])
+def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.run([command, "--help"]) == 0
+    assert f"usage: iphyre-jax {command}" in capsys.readouterr().out
+
+
 def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith(("iphyre_jax.commands", "tyro"))]:
         monkeypatch.delitem(sys.modules, name)

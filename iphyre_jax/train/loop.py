@@ -40,12 +40,13 @@ def train(config: TrainConfig, folder: Path, console: Console) -> Outcome:
     Args:
         config: all settings.
         folder: new or empty folder of the run.
-        console: for the progress bar.
+        console: for the folder's name and the progress bar.
 
     Raises:
         ValueError: one line, if the folder is in use.
     """
     run = runs.create(folder, config)
+    console.print(f"Run folder: {folder}")
     trainer = Trainer(config)
     finished = False
     try:
