@@ -4,10 +4,11 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
+ADAPTERS_VENV := build/adapters-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-official wheel bench clean
+.PHONY: help venv run test lint parity parity-official test-adapters wheel bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -25,6 +26,11 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
+
+test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
+	$(PYTHON) -m venv $(ADAPTERS_VENV)
+	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest
+	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
 
 lint: .venv/.stamp ## ruff and mypy only
 	$(PY) -m ruff check .

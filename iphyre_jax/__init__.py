@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from iphyre_jax.configuration import Configuration, configure
-    from iphyre_jax.envs import Environment, EnvParams, EnvState, environment_ids, make, register
+    from iphyre_jax.envs import Environment, EnvParams, EnvState, Scores, environment_ids, evaluate, make, register
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
     from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
@@ -25,10 +25,12 @@ __all__ = [
     "EnvState",
     "Environment",
     "Scene",
+    "Scores",
     "Simulation",
     "__version__",
     "configure",
     "environment_ids",
+    "evaluate",
     "load_scene",
     "make",
     "plan_to_steps",
@@ -52,7 +54,9 @@ _HOME = {
     "Environment": "envs",
     "EnvParams": "envs",
     "EnvState": "envs",
+    "Scores": "envs",
     "environment_ids": "envs",
+    "evaluate": "envs",
     "make": "envs",
     "register": "envs",
     "configure": "configuration",

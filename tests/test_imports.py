@@ -30,6 +30,8 @@ PARTS = (
     "env",
     "drawing",
     "envs",
+    "adapters",
+    "compat",
     "train",
     "commands",
     "cli",
@@ -38,6 +40,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro"}
 ABOVE_THE_CORE = {"train", "commands", "cli"}
+ADAPTED = {"gymnasium", "brax"}
 
 
 def modules() -> list[tuple[str, Path]]:
@@ -67,6 +70,7 @@ def test_imports_point_one_way(part: str, file: Path) -> None:
         top, *rest = name.split(".")
         assert top not in STRANGERS, f"{file.name} imports {name}"
         assert top not in ONLY_ABOVE_THE_CORE or part in ABOVE_THE_CORE, f"{file.name} imports {name}"
+        assert top not in ADAPTED or part == "adapters", f"{file.name} imports {name}"
         if top == "iphyre_jax" and rest:
             assert rest[0] in allowed, f"{file.name} imports {name}, which stands above {part}"
 

@@ -37,6 +37,7 @@ class Environment:
 
     Attributes:
         name: its id, if it has one.
+        games: names of its games, in the order of the parameters that `make` returns with it.
         strategy: how actions become removals.
         protocol: physics steps under the decisions.
         mixture: topologies that the parameters may hold.
@@ -48,6 +49,7 @@ class Environment:
     """
 
     name: str
+    games: tuple[str, ...]
     strategy: Strategy
     protocol: Protocol
     mixture: Mixture

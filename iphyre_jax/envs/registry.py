@@ -93,6 +93,7 @@ def make(
     mixture = mixture_of(scenes, timing, dtype)
     environment = Environment(
         name=id,
+        games=tuple(scene.name for scene in scenes),
         strategy=strategy_named(strategy, official_bugs=official_bugs),
         protocol=timing,
         mixture=mixture,

@@ -1,0 +1,41 @@
+"""The environments in the shapes of other libraries; each adapter needs its library, an optional extra."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from iphyre_jax.adapters.brax_env import BraxEnv, mend_brax
+    from iphyre_jax.adapters.five_values import FiveValues
+    from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv, register_gymnasium
+    from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
+
+__all__ = ["BraxEnv", "FiveValues", "GymnasiumEnv", "GymnasiumVectorEnv", "mend_brax", "register_gymnasium"]
+
+# Name: its module, and the extra that it needs.
+_HOME = {
+    "BraxEnv": ("brax_env", "brax"),
+    "FiveValues": ("five_values", None),
+    "GymnasiumEnv": ("gymnasium_env", "gymnasium"),
+    "GymnasiumVectorEnv": ("gymnasium_vector", "gymnasium"),
+    "mend_brax": ("brax_env", "brax"),
+    "register_gymnasium": ("gymnasium_env", "gymnasium"),
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import an adapter on first use (PEP 562).
+
+    Raises:
+        ImportError: its library is missing; one line that says which extra brings it.
+    """
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, extra = _HOME[name]
+    try:
+        return getattr(import_module(f"{__name__}.{module}"), name)
+    except ModuleNotFoundError as error:
+        if extra is None or (error.name or "").partition(".")[0] == "iphyre_jax":
+            raise
+        raise ImportError(
+            f"{name} needs the extra {extra!r} ({error.name} is missing): pip install 'iphyre-jax[{extra}]'"
+        ) from None

@@ -1,0 +1,89 @@
+"""One world as a `brax.envs.Env`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from brax.envs.base import Env, State
+
+from iphyre_jax.envs import make
+
+
+def mend_brax() -> None:
+    """Give JAX back a function that brax 0.14.2 calls and JAX 0.10 no longer has, so that brax's trainers run.
+
+    `jax.device_put_replicated` puts a tree on devices, stacked once for each. Where JAX has it nothing is changed.
+    """
+
+    def device_put_replicated(x: Any, devices: Sequence[jax.Device]) -> Any:  # noqa: ANN401
+        return jax.device_put(jax.tree.map(lambda leaf: jnp.stack([leaf] * len(devices)), x))
+
+    if not hasattr(jax, "device_put_replicated"):
+        jax.device_put_replicated = device_put_replicated
+
+
+class BraxEnv(Env):
+    """One world as a `brax.envs.Env`, to be mapped and reset by brax's own wrappers.
+
+    Brax's policies give numbers from -1 to 1: six of them are the shares of 15 s, (a + 1) / 2, of the in-advance and
+    the combined strategy; on the fly there are seven, of which the largest names the action. Its wrappers want
+    old-style random keys (`jax.random.PRNGKey`), and its `AutoResetWrapper` begins all episodes of a world with the
+    game of the first. `mend_brax` makes its trainers run on a JAX that brax 0.14.2 does not know.
+
+    state.pipeline_state is the `EnvState`; done is 1 where terminated or truncated; metrics has success; info has
+    terminated and truncated, 0 or 1.
+
+    Args:
+        id: of an environment, see `iphyre_jax.make`.
+        **options: as for `iphyre_jax.make`, but autoreset.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
+
+    def __init__(self, id: str, **options: Any) -> None:  # noqa: ANN401
+        if "autoreset" in options:
+            raise ValueError("autoreset: expected none, brax resets by a wrapper of its own")
+        self.env, self.params = make(id, autoreset=False, **options)
+        self._on_the_fly = self.env.strategy.name == "on-the-fly"
+
+    def reset(self, rng: jax.Array) -> State:
+        """Begin an episode."""
+        seen, state = self.env.reset(rng, self.params)
+        zero = jnp.zeros((), jnp.float32)
+        return State(state, seen, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        """Play one decision."""
+        own = jnp.argmax(action).astype(jnp.int32) if self._on_the_fly else ((action + 1) / 2).clip(0.0, 1.0)
+        key = jax.random.key(0)  # without autoreset nothing is random
+        out = self.env.step(key, state.pipeline_state, own, self.params)
+        seen, after, reward, terminated, truncated, info = out
+        flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
+        return state.replace(
+            pipeline_state=after,
+            obs=seen,
+            reward=reward,
+            done=(terminated | truncated).astype(jnp.float32),
+            metrics=state.metrics | {"success": info["success"].astype(jnp.float32)},
+            info=state.info | flags,
+        )
+
+    @property
+    def observation_size(self) -> int | tuple[int, ...]:
+        """The length of an observation; its shape if it is an image."""
+        shape = self.env.observation_space().shape
+        return shape[0] if len(shape) == 1 else shape
+
+    @property
+    def action_size(self) -> int:
+        """The length of an action."""
+        return self.env.num_actions
+
+    @property
+    def backend(self) -> str:
+        """The solver, which is none of brax's."""
+        return "iphyre_jax"

@@ -1,0 +1,185 @@
+"""One world as a `gymnasium.Env`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.drawing import draw
+from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
+from iphyre_jax.envs.core import Environment
+from iphyre_jax.envs.images import drawing_of
+from iphyre_jax.envs.params import row
+from iphyre_jax.envs.spaces import Discrete, Space
+
+RENDER_SIZE = 600  # px
+SEEDS = 2**31  # of the keys drawn from an environment's generator
+
+
+def space_of(space: Space) -> gymnasium.Space[Any]:
+    """Return the space of gymnasium that is the same."""
+    if isinstance(space, Discrete):
+        return gymnasium.spaces.Discrete(space.n)
+    if space.dtype == "uint8":
+        return gymnasium.spaces.Box(int(space.low), int(space.high), space.shape, np.uint8)
+    return gymnasium.spaces.Box(space.low, space.high, space.shape, np.float32)
+
+
+def gymnasium_flags(env: Environment, terminated: Any, truncated: Any) -> tuple[Any, Any]:  # noqa: ANN401
+    """Return terminated and truncated as gymnasium wants them; scalars or arrays.
+
+    An in-advance episode is one decision, whose end is nothing that was cut off: it is terminated, solved or not. The
+    official flags, by which a failure is truncated, are in the info as `official_terminated` and `official_truncated`.
+    """
+    if env.strategy.name == "in-advance":
+        return terminated | truncated, terminated & False
+    return terminated, truncated
+
+
+class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
+    """One world as a `gymnasium.Env`, without autoreset.
+
+    Every reset draws one of the id's games with the environment's own generator, so that `reset(seed=...)` decides all
+    that follows; `options={"game": name or number}` asks for one. `info` has success, fault, eliminations, time (s),
+    game (its number), official_terminated and official_truncated.
+
+    Args:
+        id: of an environment, see `iphyre_jax.make`.
+        render_mode: "rgb_array" to have `render` give the picture of the world, (600, 600, 3) uint8, or None.
+        **options: as for `iphyre_jax.make`, but autoreset.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium declares it so
+
+    def __init__(self, id: str, *, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f'render_mode: expected "rgb_array" or None, got {render_mode!r}')
+        if "autoreset" in options:
+            raise ValueError("autoreset: expected none, a gymnasium.Env is reset by its user")
+        self.env, self.params = make(id, autoreset=False, **options)
+        self.render_mode = render_mode
+        self.observation_space = space_of(self.env.observation_space())
+        self.action_space = space_of(self.env.action_space())
+        self._x64 = self.env.dtype == "float64"
+        self._state: EnvState | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begin an episode; see the class.
+
+        Raises:
+            ValueError: options["game"] names no game of this id; one line.
+        """
+        super().reset(seed=seed)
+        key = jax.random.key(int(self.np_random.integers(SEEDS)))
+        game = (options or {}).get("game")
+        with jax.enable_x64(self._x64):
+            if game is None:
+                seen, self._state = self.env.reset(key, self.params)
+            else:
+                seen, self._state = self.env.reset_to(np.int32(self._row(game)), self.params)
+            return np.asarray(seen), self._info(False, False)
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
+        """Play one decision.
+
+        Raises:
+            ValueError: the action is not of the action space, or `reset` was not called; one line.
+        """
+        if self._state is None:
+            raise ValueError("step: expected a call of reset before the first step")
+        checked = checked_action(self.env.action_space(), action, ())
+        with jax.enable_x64(self._x64):
+            key = jax.random.key(0)  # without autoreset nothing is random
+            seen, self._state, reward, terminated, truncated, _ = self.env.step(key, self._state, checked, self.params)
+            official = bool(terminated), bool(truncated)
+            flags = gymnasium_flags(self.env, *official)
+            return np.asarray(seen), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the picture of the world, (600, 600, 3) uint8, if the render mode asks for it."""
+        if self.render_mode is None or self._state is None:
+            return None
+        with jax.enable_x64(self._x64):
+            return np.asarray(_picture(self.params, self._state))
+
+    def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
+        if self._state is None:
+            raise ValueError("step: expected a call of reset before the first step")
+        outcome = self._state.progress.outcome
+        return {
+            "success": bool(outcome.success),
+            "fault": int(outcome.fault),
+            "eliminations": int(outcome.eliminations),
+            "time": int(outcome.steps) / self.env.protocol.fps,
+            "game": int(self._state.game),
+            "official_terminated": terminated,
+            "official_truncated": truncated,
+        }
+
+    def _row(self, game: object) -> int:
+        if isinstance(game, str) and game in self.env.games:
+            return self.env.games.index(game)
+        if isinstance(game, int | np.integer) and not isinstance(game, bool) and 0 <= game < len(self.env.games):
+            return int(game)
+        raise ValueError(f"options: expected a game of {self.env.name} by name or number, got {game!r}")
+
+
+@jax.jit
+def _picture(params: EnvParams, state: EnvState) -> jax.Array:
+    features, world = row(params.features, state.game), row(params.world, state.game)
+    return draw(drawing_of(features, world, state.progress), RENDER_SIZE)
+
+
+def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401
+    """Return an action, or a batch of them, as an array of the space's type.
+
+    Raises:
+        ValueError: it has another shape or type, or lies outside; one line.
+    """
+    try:
+        array = np.asarray(action)
+    except ValueError:
+        raise ValueError("action: expected an array, got rows of unequal length") from None
+    if array.shape != batch + space.shape:
+        raise ValueError(f"action: expected shape {batch + space.shape}, got {array.shape}")
+    if isinstance(space, Discrete):
+        if array.dtype.kind not in "iu":
+            raise ValueError(f"action: expected whole numbers, got dtype {array.dtype}")
+        if array.size and not (array.min() >= 0 and array.max() < space.n):
+            raise ValueError(f"action: expected numbers from 0 to {space.n - 1}, got {array.min()} to {array.max()}")
+        return array.astype(np.int32)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"action: expected numbers, got dtype {array.dtype}")
+    if not ((array >= space.low) & (array <= space.high)).all():
+        raise ValueError(f"action: expected numbers from {space.low:g} to {space.high:g}, got one outside or NaN")
+    return array.astype(space.dtype)
+
+
+def register_gymnasium() -> tuple[str, ...]:
+    """Register every id with gymnasium, "in-advance/basic-v1" as "iphyre/in-advance-basic-v1", and return the names.
+
+    `gymnasium.make` then gives a `GymnasiumEnv`, `gymnasium.make_vec` a `GymnasiumVectorEnv`. What is registered
+    already stays.
+    """
+    names = []
+    for own in environment_ids():
+        name = f"iphyre/{own.replace('/', '-')}"
+        names.append(name)
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="iphyre_jax.adapters.gymnasium_env:GymnasiumEnv",
+                vector_entry_point="iphyre_jax.adapters.gymnasium_vector:GymnasiumVectorEnv",
+                kwargs={"id": own},
+                order_enforce=True,
+            )
+    return tuple(names)

@@ -1,0 +1,131 @@
+"""`generate_actions` of the official package: random plans until enough have solved a game and enough have not."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Iterator
+from functools import partial
+from itertools import count, islice
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.envs.mixture import Mixture, Stretch, start
+from iphyre_jax.physics.types import Timing, World
+from iphyre_jax.plans import official_clock, plan_to_steps
+from iphyre_jax.rollouts import Outcome
+from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes.build import build, timing
+
+FPS = 60
+BATCH = 64  # plans played side by side; those beyond the last one needed are thrown away
+
+Action = list[float]  # a time for each slot, s, then solved (1 or 0), blocks removed, seconds played
+
+
+def generate_actions(
+    game: str | os.PathLike[str] | Scene,
+    num_succeed: int,
+    num_fail: int,
+    interval: float,
+    max_game_time: float,
+    max_action_time: float,
+    max_step: int,
+    seed: int = 0,
+    epsilon: float = 0.2,
+) -> tuple[list[Action], list[Action], int]:
+    """Draw random plans at 60 steps a second until both kinds are complete.
+
+    The plans are those that the official function draws with the same seed, its resets of one space included; its check
+    for repeated plans finds none but in games of `max_step` blocks, and does so here. The global random states are left
+    alone.
+
+    Args:
+        game: a game's name, a scene file or a Scene.
+        num_succeed: plans wanted that solve the game.
+        num_fail: plans wanted that do not.
+        interval: s, times are multiples of it.
+        max_game_time: s; only looked at to be no less than max_action_time, as in the official function.
+        max_action_time: s, times are below it.
+        max_step: slots of a plan, at least as many as the game has blocks.
+        seed: of the draws.
+        epsilon: chance of each time to become 0, which leaves the block.
+
+    Returns:
+        The plans that solve the game, those that do not, and how many were drawn. Each plan is its times, 0 for those
+        after its end, then solved, blocks removed and seconds played.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+        RuntimeError: a world is no longer sound; one line.
+    """
+    scene = load_scene(game)
+    blocks = len(scene.eliminable_blocks)
+    if not 0 < max_action_time <= max_game_time:
+        raise ValueError(f"max_action_time: expected seconds from 0 to {max_game_time}, got {max_action_time!r}")
+    if max_step < blocks:
+        raise ValueError(f"max_step: expected at least the {blocks} blocks of {scene.name}, got {max_step!r}")
+    instants = list(np.arange(0, max_action_time, interval))
+    if len(instants) < blocks:
+        raise ValueError(f"interval: expected at least {blocks} instants below {max_action_time} s, got {interval!r}")
+    plans = _draw(instants, blocks, max_step, seed, epsilon)
+    succeeded: list[Action] = []
+    failed: list[Action] = []
+    iteration = 0
+    for first in count(2, BATCH):  # the class was reset once before the first plan
+        if len(succeeded) >= num_succeed and len(failed) >= num_fail:
+            break
+        batch = list(islice(plans, BATCH))
+        for plan, (solved, removed, seconds) in zip(batch, _play(scene, batch, first), strict=True):
+            if len(succeeded) >= num_succeed and len(failed) >= num_fail:
+                break
+            iteration += 1
+            done = [float(t * (t <= seconds)) for t in plan]
+            chosen, wanted = (succeeded, num_succeed) if solved else (failed, num_fail)
+            if len(chosen) < wanted:
+                chosen.append([*done, solved, removed, seconds])
+    return succeeded, failed, iteration
+
+
+def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:
+    """Draw plans without end, in the official order of the random numbers."""
+    generator, noise = random.Random(seed), np.random.RandomState(seed)  # noqa: S311  # the official streams
+    seen: list[Action] = []
+    while True:
+        times = generator.sample(instants, blocks)
+        while times in seen:
+            times = generator.sample(instants, blocks)
+        times = [t * (noise.uniform() > epsilon) for t in times]
+        times += [0.0] * (slots - blocks)
+        seen.append(times)
+        yield times
+
+
+def _play(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
+    """Play plans in successive resets of one space; solved, blocks removed and seconds of each."""
+    built = [build(scene, resets=resets + k, dtype="float64") for k in range(len(plans))]
+    steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
+    with jax.enable_x64(True):
+        worlds = jax.tree.map(lambda *leaves: np.stack(leaves), *(world for _, world in built))
+        mixture = Mixture.of(built[:1])
+        outcome = _outcomes(mixture, timing(FPS, "float64"), worlds, steps)
+    if (faults := np.asarray(outcome.fault)).any():
+        raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {faults.max()})")
+    clock = official_clock(FPS)
+    seconds = np.append(clock, clock[-1] + 1 / FPS)[np.asarray(outcome.steps)]
+    columns = zip(outcome.success, outcome.eliminations, seconds, strict=True)
+    return [(int(solved), int(removed), float(end)) for solved, removed, end in columns]
+
+
+@partial(jax.jit, static_argnums=0)
+def _outcomes(mixture: Mixture, times: Timing, worlds: World, steps: npt.NDArray[np.int32]) -> Outcome:
+    frames = jnp.int32(len(official_clock(FPS)))
+
+    def one(world: World, plan: jax.Array) -> Outcome:
+        stretch = Stretch(world, jnp.int32(0), plan, frames)
+        return mixture.play(times, stretch, start(mixture.topologies[0], world)).outcome
+
+    return jax.vmap(one)(worlds, jnp.asarray(steps))

@@ -1,0 +1,107 @@
+"""The files that the official class collects: start scenes and sequences of states, with pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from iphyre_jax.compat.simulator import IPHYRE
+
+
+def save_start(simulator: IPHYRE, save_path: str, images: bool) -> None:
+    """Save the start of a game in the folder save_path/game: `raw.npz`, `vectors.npy` and GAME.jpg.
+
+    `vectors.npy` is the table (12, 9) of the official class. `raw.npz` holds its balls, blocks, eli and dynamic, which
+    the official class pickles as `raw.npy`; no file of this package needs to be unpickled.
+
+    Args:
+        simulator: the game; it is reset.
+        save_path: the folder; made if it is missing.
+        images: save the picture, which needs the extra `viewer`.
+
+    Raises:
+        ImportError: pillow is missing; one line.
+        OSError: a file cannot be written.
+    """
+    simulator.reset()
+    folder = _save_raw(simulator, save_path)
+    np.save(folder / "vectors.npy", simulator.get_all_property())
+    if images:
+        _save_picture(folder / f"{simulator.game}.jpg", simulator.picture())
+
+
+def save_sequences(
+    simulator: IPHYRE,
+    save_path: str,
+    act_lists: Sequence[Sequence[Sequence[float]]],
+    fps: int,
+    images: bool,
+) -> None:
+    """Save the states under each list of timed clicks in save_path/game/number, ten a second unless told otherwise.
+
+    A folder holds `actions.npy`, (clicks, 3) x, y, t sorted by time; `vectors.npy`, (15 fps, 12, 9) tables, zeros after
+    the end; and `images/number.jpg`. A folder that is there already is left as it is, as the official class does.
+
+    Args:
+        simulator: the game; it is reset for each list.
+        save_path: the folder; made if it is missing.
+        act_lists: lists of clicks (x, y, t).
+        fps: states saved a second, a divisor of the simulator's rate.
+        images: save the pictures, which needs the extra `viewer`.
+
+    Raises:
+        ValueError: fps does not divide the simulator's rate; one line.
+        ImportError: pillow is missing; one line.
+        OSError: a file cannot be written.
+    """
+    if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1 or simulator.FPS % fps:
+        raise ValueError(f"fps: expected a divisor of the simulator's {simulator.FPS}, got {fps!r}")
+    game = _save_raw(simulator, save_path)
+    every, count = int(simulator.FPS // fps), simulator.max_time * fps
+    for number, clicks in enumerate(act_lists):
+        simulator.reset()
+        folder = game / str(number)
+        if folder.exists():
+            continue
+        removals = simulator.removals(clicks)
+        (folder / "images").mkdir(parents=True)
+        vectors = np.zeros((count, simulator.max_obj_num, 9))
+        np.save(folder / "actions.npy", np.array(sorted(map(list, clicks), key=lambda click: click[2])).reshape(-1, 3))
+        made = 0
+        for k in range(count):
+            made, solved = simulator.play_plan(removals, made, k * every)
+            if solved:
+                break
+            vectors[k] = simulator.get_all_property()
+            if images:
+                _save_picture(folder / "images" / f"{k}.jpg", simulator.picture())
+        np.save(folder / "vectors.npy", vectors)
+
+
+def _save_raw(simulator: IPHYRE, save_path: str) -> Path:
+    folder = Path(save_path) / simulator.game
+    folder.mkdir(parents=True, exist_ok=True)
+    scene = simulator.scene
+    np.savez(
+        folder / "raw.npz",
+        balls=scene.balls,
+        blocks=scene.blocks,
+        eli=scene.eliminable.astype(np.int64),
+        dynamic=scene.dynamic.astype(np.int64),
+    )
+    return folder
+
+
+def _save_picture(path: Path, pixels: npt.NDArray[np.uint8]) -> None:
+    try:
+        from PIL import Image
+    except ModuleNotFoundError:
+        raise ImportError(
+            "pictures need the extra 'viewer' (pillow is missing): pip install 'iphyre-jax[viewer]', or images=False"
+        ) from None
+    Image.fromarray(pixels).save(path)

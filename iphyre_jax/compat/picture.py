@@ -1,0 +1,46 @@
+"""The picture of one world that is played from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.drawing import Drawing, colours, draw
+
+SIZE = 600  # px
+
+
+def picture(world: SteppedWorld) -> npt.NDArray[np.uint8]:
+    """Return the picture of a world, (600, 600, 3) uint8 in red, green, blue."""
+    scene, features = world.scene, world.features
+    position, angle = world.poses()
+    table = world.table()
+    balls = np.arange(scene.n_blocks, scene.n_objects)
+    radius = np.array(features.constants[:, 0])
+    is_ball = np.isin(np.arange(len(radius)), balls)
+    edge = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius[:, None]
+    links = [np.array([[*position[i], *position[j]] for i, j in pairs]).reshape(-1, 4) for pairs in _pairs(world)]
+    there = [np.array([world.alive[i] and world.alive[j] for i, j in pairs], bool) for pairs in _pairs(world)]
+    drawing = Drawing(
+        ends=jnp.asarray(table[:, :4]),
+        radius=jnp.asarray(radius),
+        colour=colours(
+            jnp.asarray(is_ball), jnp.asarray(features.constants[:, 1] > 0), jnp.asarray(features.constants[:, 2] > 0)
+        ),
+        there=jnp.asarray(world.alive),
+        spokes=jnp.asarray(np.concatenate([position, position + edge], axis=1)[balls]),
+        spoke_length=jnp.asarray(radius[balls]),
+        joints=jnp.asarray(links[0]),
+        springs=jnp.asarray(links[1]),
+        joint_there=jnp.asarray(there[0]),
+        spring_there=jnp.asarray(there[1]),
+    )
+    return np.asarray(draw(drawing, SIZE))
+
+
+def _pairs(world: SteppedWorld) -> tuple[Sequence[tuple[int, int]], Sequence[tuple[int, int]]]:
+    return world.scene.joints, world.scene.springs

@@ -1,0 +1,215 @@
+"""The official simulator class: one game, clicks by position, Python numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.compat import data
+from iphyre_jax.compat.picture import picture
+from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.plans import TIME_LIMIT
+from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene, load_scene
+
+Click = Sequence[float]  # x, y, t: px and s
+
+
+class IPHYRE:
+    """One game.
+
+    The calls and their results are those of the official class; positions may be lists, tuples or arrays. As there,
+    `reset` empties and refills one space, which changes the order of contacts from reset to reset.
+
+    Args:
+        game: a game's name, or, beyond the official class, a scene file or a Scene.
+        fps: physics steps a second.
+
+    Raises:
+        ValueError: no such game, or no positive rate; one line.
+    """
+
+    def __init__(self, game: str | os.PathLike[str] | Scene = "support", fps: float = 60) -> None:
+        if isinstance(fps, bool) or not isinstance(fps, int | float | np.number) or not 0 < fps < float("inf"):
+            raise ValueError(f"fps: expected a positive number of steps a second, got {fps!r}")
+        self.scene = load_scene(game)
+        self.game = self.scene.name
+        self.FPS = fps
+        self.timestep = 1 / float(fps)
+        self.max_time = int(TIME_LIMIT)
+        self.max_obj_num, self.max_eli_obj_num = MAX_OBJECTS, MAX_ELIMINABLE
+        self.step_reward, self.eli_reward, self.success_reward = -self.timestep, -10, 1000
+        self.blocks, self.balls = self.scene.blocks.tolist(), self.scene.balls.tolist()
+        self.num_obj, self.num_ball = self.scene.n_objects, self.scene.n_balls
+        self._resets = 0
+        self._world: SteppedWorld | None = None
+
+    def reset(self, use_images: bool = False) -> npt.NDArray[Any]:
+        """Begin anew; returns what `step` returns first."""
+        self._resets += 1
+        self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
+        return self._seen(use_images)
+
+    def step(
+        self, pos: Sequence[float] | npt.NDArray[Any], use_images: bool = False
+    ) -> tuple[npt.NDArray[Any], float, bool]:
+        """Click, then play one physics step; after success too, as often as asked.
+
+        Args:
+            pos: x and y of the click, px; 0, 0 for none.
+            use_images: return the picture, (600, 600, 3) uint8 in blue, green, red, in place of the table.
+
+        Returns:
+            The table (see `get_all_property`) or picture, the reward (-1/fps, -10 for a removed block, 1000 if solved)
+            and whether the game is solved.
+
+        Raises:
+            ValueError: no position, or `reset` was not called; one line.
+        """
+        x, y = _position(pos)
+        hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
+        if hit is not None:
+            self._started.remove(hit)
+        _, solved = self._started.play(1)
+        reward = self.step_reward
+        reward += self.eli_reward if hit is not None else 0
+        reward += self.success_reward if solved else 0
+        return self._seen(use_images), reward, solved
+
+    def simulate(self, action: Sequence[Click] = ()) -> tuple[int, int, float]:
+        """Play on for 15 s under timed clicks.
+
+        Args:
+            action: clicks (x, y, t); sorted by time, at most one is taken a step, one at t = 0 without effect.
+
+        Returns:
+            1 if solved, else 0; the number of blocks removed; seconds played, as the official clock counts them.
+
+        Raises:
+            ValueError: no such clicks, or `reset` was not called; one line.
+        """
+        frames = self.frames()
+        standing = int(self._started.alive.sum())
+        made, solved = self.play_plan(self.removals(action), 0, len(frames))
+        removed = standing - int(self._started.alive.sum())
+        return int(solved), removed, [*frames, frames[-1] + self.timestep][made]
+
+    def get_action_space(self) -> list[list[float]]:
+        """Reset and return the click positions: none, the eliminable blocks' centres, and none again up to seven."""
+        self.reset()
+        centres = [self._started.features.position[block].tolist() for block in self.scene.eliminable_blocks]
+        return [[0.0, 0.0], *centres, *([0.0, 0.0] for _ in range(self.max_eli_obj_num - len(centres)))]
+
+    def get_all_property(self) -> npt.NDArray[np.float64]:
+        """Return the objects as they are, (12, 9) float64: x1, y1, x2, y2, radius, eli, dynamic, joint, spring.
+
+        Removed objects are rows of zeros; joint and spring are the pair's number, from 1, or 0.
+        """
+        return self._started.table()
+
+    def collect_initial_data(self, save_path: str = "./game_initial_data/", images: bool = True) -> None:
+        """Save the start of the game; see `iphyre_jax.compat.data.save_start`."""
+        data.save_start(self, save_path, images)
+
+    def collect_seq_data(
+        self,
+        save_path: str = "./offline_data/",
+        act_lists: Sequence[Sequence[Click]] = (),
+        fps: int = 10,
+        images: bool = True,
+    ) -> None:
+        """Save sequences of states under timed clicks; see `iphyre_jax.compat.data.save_sequences`."""
+        data.save_sequences(self, save_path, act_lists, fps, images)
+
+    def picture(self) -> npt.NDArray[np.uint8]:
+        """Return the picture of the world as it is, (600, 600, 3) uint8 in red, green, blue."""
+        with jax.enable_x64(True):
+            return picture(self._started)
+
+    def frames(self) -> list[float]:
+        """Return the official clock at the start of each step of `simulate`, s: 1/fps added up while below 15."""
+        clock = [0.0]
+        while clock[-1] + self.timestep < TIME_LIMIT:
+            clock.append(clock[-1] + self.timestep)
+        return clock
+
+    def removals(self, action: Sequence[Click]) -> dict[int, int]:
+        """Return which objects timed clicks remove, each with its step from now."""
+        alive, found = self._started.alive.copy(), {}
+        due = iter(sorted(map(_click, action), key=lambda click: click[2]))
+        click = next(due, None)
+        for step, now in enumerate(self.frames()):
+            if click is None:
+                break
+            if now >= click[2]:
+                hit = self._hit(click[0], click[1], alive) if click[2] != 0 else None
+                if hit is not None:
+                    alive[hit] = False
+                    found[hit] = step
+                click = next(due, None)
+        return found
+
+    def play_plan(self, removals: dict[int, int], since: int, until: int) -> tuple[int, bool]:
+        """Play from one step of a plan to another, or to the step that solves the game.
+
+        Args:
+            removals: object indices of blocks and the steps before which they go.
+            since: steps of the plan made so far.
+            until: steps to have made; what is due before the next step goes too.
+
+        Returns:
+            Steps of the plan made, and whether the last of them solved the game.
+        """
+        for block, step in sorted(removals.items(), key=lambda removal: removal[1]):
+            if since <= step <= until and self._started.alive[block]:
+                made, solved = self._started.play(step - since)
+                since += made
+                if solved:
+                    return since, True
+                self._started.remove(block)
+        made, solved = self._started.play(until - since)
+        return since + made, solved
+
+    @property
+    def _started(self) -> SteppedWorld:
+        if self._world is None:
+            raise ValueError(f"{self.game}: expected a call of reset first")
+        return self._world
+
+    def _seen(self, use_images: bool) -> npt.NDArray[Any]:
+        return self.picture()[:, :, ::-1] if use_images else self.get_all_property()
+
+    def _hit(self, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:
+        """Return the first block that a click removes: eliminable, within its ends and 10 px of its axis."""
+        for block in self.scene.eliminable_blocks:
+            first, last = self.scene.blocks[block]
+            axis = (first - last) / np.linalg.norm(first - last)
+            away = np.array([x, y]) - self._started.features.position[block]
+            along, across = away @ axis, away[0] * axis[1] - away[1] * axis[0]
+            if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
+                return block
+        return None
+
+
+def _position(pos: object) -> tuple[float, float]:
+    """Return a click's x and y."""
+    try:
+        x, y = (float(part) for part in pos)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise ValueError(f"pos: expected a position x, y in px, got {pos!r}".splitlines()[0]) from None
+    return x, y
+
+
+def _click(click: object) -> tuple[float, float, float]:
+    """Return a timed click's x, y and t."""
+    try:
+        x, y, t = (float(part) for part in click)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise ValueError(f"action: expected clicks x, y, t, got {click!r}".splitlines()[0]) from None
+    if not t >= 0:
+        raise ValueError(f"action: expected times that are not negative, got {t!r}")
+    return x, y, t

@@ -1,0 +1,61 @@
+"""The adapter of brax; `make test-adapters` has brax, elsewhere these tests are skipped."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+pytest.importorskip("brax")
+pytestmark = pytest.mark.filterwarnings("default")  # brax's own are not ours
+
+
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly"])
+def test_under_the_wrappers_of_brax(strategy: str) -> None:
+    from brax.envs.wrappers.training import wrap
+
+    from iphyre_jax.adapters import BraxEnv
+
+    env = BraxEnv(f"{strategy}/support-v1")
+    wrapped = wrap(env, episode_length=200)
+    state = jax.jit(wrapped.reset)(jax.random.split(jax.random.PRNGKey(0), 4))
+    assert state.obs.shape == (4, env.observation_size)
+    step = jax.jit(wrapped.step)
+    if strategy == "in-advance":
+        after = step(state, jnp.full((4, env.action_size), -1.0))
+        np.testing.assert_array_equal(after.reward, -15.0)
+        np.testing.assert_array_equal(after.done, 1.0)
+        np.testing.assert_array_equal(after.info["truncated"], 1.0)
+    else:
+        after = step(state, jax.nn.one_hot(jnp.array([0, 1, 2, 6]), 7))
+        np.testing.assert_allclose(after.reward, [-0.1, -10.1, -10.1, -0.1], rtol=1e-6)
+        np.testing.assert_array_equal(after.done, 0.0)
+    assert jax.tree.structure(after) == jax.tree.structure(state)
+    step(after, jnp.zeros((4, env.action_size)))
+
+
+@pytest.mark.slow
+def test_the_ppo_of_brax_learns_over_it() -> None:
+    from iphyre_jax.adapters import BraxEnv, mend_brax
+
+    mend_brax()
+    from brax.training.agents.ppo import train as ppo
+
+    rewards = []
+    with jax.numpy_rank_promotion("allow"):  # brax relies on it
+        ppo.train(
+            environment=BraxEnv("in-advance/support-v1"),
+            num_timesteps=1000,
+            episode_length=150,
+            num_envs=32,
+            batch_size=16,
+            num_minibatches=2,
+            unroll_length=1,
+            num_updates_per_batch=2,
+            num_evals=2,
+            num_eval_envs=16,
+            progress_fn=lambda _, metrics: rewards.append(float(metrics["eval/episode_reward"])),
+        )
+    assert len(rewards) == 2
+    assert np.isfinite(rewards).all()
