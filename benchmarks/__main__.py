@@ -161,7 +161,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    results = Results(report.circumstances({**asdict(options), "out": str(options.out)}))
+    around = report.circumstances({**asdict(options), "out": str(options.out)})
+    results = Results(around, report.disturbance(around))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     code = 0
     with Progress(*columns, console=console) as progress:

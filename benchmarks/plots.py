@@ -36,32 +36,48 @@ def _bars(axes: Axes, results: Results, fps: int) -> None:
     colours = [COLOURS.get(one.engine, GREY) for one in found]
     drawn = axes.barh([one.engine for one in found], middle, xerr=ends, color=colours, capsize=3)
     axes.bar_label(drawn, [f"{rate:,.0f}" for rate in middle], padding=6)
-    axes.set(xscale="log", xlabel="steps a second", title=f"Forty games mixed, {fps} fps, {_machine(results)}")
+    axes.set(xscale="log", xlabel="steps a second", title=f"Games mixed, {fps} fps, {_machine(results)}")
     axes.set_xlim(min(middle) / 3, max(middle) * 8)
 
 
 def scaling(results: Results, file: Path) -> bool:
-    """Draw speed against the batch, and each game's against its moving bodies; False if there is nothing to draw."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for threads in dict.fromkeys(one.threads for one in results.scales):
-        line = [(one.batch, one.measured.rate) for one in results.scales if one.threads == threads]
-        left.plot(*zip(*line, strict=True), marker="o", label=f"{threads} thread{'s' * (threads > 1)}")
-    left.set(xscale="log", xlabel="worlds in a call", ylabel="steps a second", title="Forty games mixed, float32")
-    points = 0
-    for name, colour, shift in ((STEPPING, GREY, -0.1), (FLOAT64, LIGHT, 0.0), (FLOAT32, BLUE, 0.1)):
-        games = [(one.work, one.rate) for one in results.measurements if one.engine == name and one.work != MIXED]
-        moving = [iphyre_jax.load_scene(game).dynamic.sum() + shift for game, _ in games]
-        right.scatter(moving, [rate for _, rate in games], s=14, color=colour, label=name)
-        points += len(games)
-    right.set(yscale="log", xlabel="moving bodies", ylabel="steps a second", title="Game by game")
-    for axes in (left, right):
-        if axes.has_data() and axes.get_legend_handles_labels()[0]:
-            axes.legend()
-    if not results.scales and not points:
+    """Draw speed against the batch, and each game's against its moving bodies; False if there is neither."""
+    panels = [_batches] if results.scales else []
+    panels += [_games] if any(one.work != MIXED for one in results.measurements) else []
+    if not panels:
         return False
+    figure = Figure(figsize=(5.5 * len(panels), 4.2), layout="constrained")
+    for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+        draw(axes, results)
+        axes.legend()
+    figure.suptitle(_machine(results))
     figure.savefig(file, dpi=RESOLUTION)
     return True
+
+
+def _batches(axes: Axes, results: Results) -> None:
+    for threads in dict.fromkeys(one.threads for one in results.scales):
+        found = [one for one in results.scales if one.threads == threads]
+        rates = [one.measured.rate for one in found]
+        axes.plot([one.batch for one in found], rates, marker="o", label=f"{threads} thread{'s' * (threads > 1)}")
+    axes.set(xscale="log", xlabel="worlds in a call", ylabel="steps a second", title="Games mixed, 10 fps, float32")
+    axes.set_ylim(bottom=0)
+
+
+def _games(axes: Axes, results: Results) -> None:
+    fps = results.rates()[0]
+    for name, colour, shift in ((STEPPING, GREY, -0.1), (FLOAT64, LIGHT, 0.0), (FLOAT32, BLUE, 0.1)):
+        found = [one for one in results.measurements if (one.engine, one.fps) == (name, fps) and one.work != MIXED]
+        moving = [iphyre_jax.load_scene(one.work).dynamic.sum() + shift for one in found]
+        axes.scatter(moving, [one.rate for one in found], s=14, color=colour, label=name)
+    axes.set(
+        yscale="log",
+        xlim=(0.5, 6.5),
+        xticks=range(1, 7),
+        xlabel="moving bodies",
+        ylabel="steps a second",
+        title=f"Game by game, {fps} fps",
+    )
 
 
 def _machine(results: Results) -> str:

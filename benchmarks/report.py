@@ -25,6 +25,7 @@ from iphyre_jax.configuration import usable_cores
 from iphyre_jax.train.provenance import source_commit
 
 SCHEMA = 1  # of the JSON file
+QUIET = 0.5  # load below which the machine counts as idle
 
 
 @dataclass
@@ -66,12 +67,22 @@ def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
             "system": platform.platform(),
             "processor": processor(),
             "cores": usable_cores(),
-            "load": os.getloadavg()[0],  # other work on the machine at the start; above 0.5 the figures suffer
+            "load": os.getloadavg()[0],  # processes that wanted a core in the minute before the start
         },
         "versions": {"python": platform.python_version(), **{name: version(name) for name in names}},
         "commit": source_commit(),
         "options": dict(options),
     }
+
+
+def disturbance(around: Mapping[str, Any]) -> list[str]:
+    """Say so if the machine was busy with something else when the run began."""
+    load = around["machine"]["load"]
+    if load <= QUIET:
+        return []
+    return [
+        f"the machine was busy at the start (load {load:.1f}): ratios are worth more than figures, and less than usual"
+    ]
 
 
 def processor() -> str:
@@ -124,7 +135,7 @@ def show(results: Results, console: Console) -> None:
 
 def table(title: str, *columns: str) -> Table:
     """An empty table whose first column is text."""
-    made = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    made = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), min_width=len(title))
     for k, column in enumerate(columns):
         made.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
     return made

@@ -56,6 +56,11 @@ def test_tables_tell_ratios_turn_by_turn(results: report.Results) -> None:
     assert "carried state a world in float32: at most" in shown
 
 
+def test_a_busy_machine_is_told() -> None:
+    assert report.disturbance({"machine": {"load": 0.2}}) == []
+    assert "load 3.1" in report.disturbance({"machine": {"load": 3.1}})[0]
+
+
 def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
     assert [file.name for file in command.save(results, tmp_path)] == ["benchmarks.json", "engines.png", "scaling.png"]
     assert (tmp_path / "engines.png").read_bytes().startswith(b"\x89PNG")
