@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
 ERROR = 2  # exit code
 INTERRUPTED = 130  # exit code of a command that was ended with Ctrl-C
+UNREAD = 141  # exit code of a command whose output nobody reads any more, as behind `| head`
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -23,7 +25,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code.
 
     0 if all went well, also after --help; 2 with one line on the standard error for a mistake of the caller, or with a
-    short box if an option is wrong; 130 for a run that was ended with Ctrl-C.
+    short box if an option is wrong; 130 for a run that was ended with Ctrl-C; 141 if nobody reads the output any more.
     """
     try:
         commands = importlib.import_module("iphyre_jax.commands")
@@ -32,6 +34,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if (error.name or "").partition(".")[0] == "iphyre_jax":
             raise
         return _fail(f"this command needs the extra 'train' ({error.name} is missing): pip install 'iphyre-jax[train]'")
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter complains as it ends
+        return UNREAD
     except (ValueError, OSError) as error:
         return _fail(str(error))
     except SystemExit as end:  # of the parser: --help and wrong options

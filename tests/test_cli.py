@@ -122,6 +122,16 @@ def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatc
     )
 
 
+def test_output_that_nobody_reads_is_no_error() -> None:
+    command = [sys.executable, "-m", "iphyre_jax", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()  # long before the command has anything to say
+        assert process.stderr.read() == ""
+        assert process.wait() == 141
+
+
 def test_python_m_is_the_same_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "iphyre_jax", "games", "--split", "advanced"],
