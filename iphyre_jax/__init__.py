@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from iphyre_jax.envs import Environment, EnvParams, EnvState, Scores, environment_ids, evaluate, make, register
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
-    from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
+    from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneBuilder, load_scene, vary
     from iphyre_jax.simulation import Simulation, simulate, simulate_many
 
 __version__ = "0.1.0"
@@ -25,6 +25,7 @@ __all__ = [
     "EnvState",
     "Environment",
     "Scene",
+    "SceneBuilder",
     "Scores",
     "Simulation",
     "__version__",
@@ -38,6 +39,7 @@ __all__ = [
     "rollout",
     "simulate",
     "simulate_many",
+    "vary",
 ]
 
 # No module may bear the name of something exported here: importing the module would put it in the function's place.
@@ -45,7 +47,9 @@ _HOME = {
     "GAMES": "scenes",
     "SPLITS": "scenes",
     "Scene": "scenes",
+    "SceneBuilder": "scenes",
     "load_scene": "scenes",
+    "vary": "scenes",
     "Simulation": "simulation",
     "simulate": "simulation",
     "simulate_many": "simulation",

@@ -1,4 +1,4 @@
-"""What `iphyre-jax` can do: train, evaluate, simulate, games. Needs the extra `train`."""
+"""What `iphyre-jax` can do: train, evaluate, simulate, games, scene. Needs the extra `train`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax import scene_commands
 from iphyre_jax.configuration import OFF_WORDS, configure
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, load_scene
@@ -74,7 +75,7 @@ class Games:
     """Only this one."""
 
 
-Command = Train | Evaluate | Simulate | Games
+Command = Train | Evaluate | Simulate | Games | scene_commands.SceneCommand
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -86,17 +87,26 @@ def run(arguments: Sequence[str] | None = None) -> int:
         Annotated[Train, tyro.conf.subcommand("train")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-        | Annotated[Games, tyro.conf.subcommand("games")],
+        | Annotated[Games, tyro.conf.subcommand("games")]
+        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")],
         prog="iphyre-jax",
-        description="I-PHYRE in JAX: train and evaluate agents, play plans, list games.",
+        description="I-PHYRE in JAX: train and evaluate agents, play plans, list games, check scenes.",
         args=None if arguments is None else list(arguments),
     )
-    if not isinstance(command, Games) and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS:
+    if (
+        not isinstance(command, Games | scene_commands.SceneCommand)
+        and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS
+    ):
         configure()
     console = Console()
     if isinstance(command, Train):
         return _train(command, console)
-    actions: dict[type, Callable[..., None]] = {Evaluate: _evaluate, Simulate: _simulate, Games: _games}
+    actions: dict[type, Callable[..., None]] = {
+        Evaluate: _evaluate,
+        Simulate: _simulate,
+        Games: _games,
+        scene_commands.SceneCommand: scene_commands.run,
+    }
     actions[type(command)](command, console)
     return 0
 

@@ -33,13 +33,14 @@ PARTS = (
     "adapters",
     "compat",
     "train",
+    "scene_commands",
     "commands",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro"}
-ABOVE_THE_CORE = {"train", "commands", "cli"}
+ABOVE_THE_CORE = {"train", "scene_commands", "commands", "cli"}
 ADAPTED = {"gymnasium", "brax"}
 
 

@@ -1,0 +1,74 @@
+"""`iphyre-jax scene`: what there is to do with scene files. Needs the extra `train`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from iphyre_jax.scenes import read_scene, scene_json_schema
+from iphyre_jax.scenes.geometry import remarks
+
+
+@dataclass(frozen=True)
+class Check:
+    """Read scene files and say what they hold, or what is wrong with them. Ends with 2 if a file is wrong."""
+
+    files: tyro.conf.Positional[tuple[Path, ...]]
+    """The files."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Print the JSON Schema of scene files."""
+
+
+@dataclass(frozen=True)
+class SceneCommand:
+    """Check scene files of your own."""
+
+    action: Annotated[
+        Annotated[Check, tyro.conf.subcommand("check")] | Annotated[Schema, tyro.conf.subcommand("schema")],
+        tyro.conf.arg(name=""),
+    ]
+
+
+def run(command: SceneCommand, console: Console) -> None:
+    """Do what a scene command asks.
+
+    Raises:
+        ValueError: a file is wrong; one line for each wrong field.
+        OSError: a file cannot be read; one line.
+    """
+    if isinstance(command.action, Schema):
+        print(json.dumps(scene_json_schema(), indent=1))
+        return
+    if not command.action.files:
+        raise ValueError("files: expected at least one scene file")
+    wrong = []
+    for path in command.action.files:
+        try:
+            _describe(path, console)
+        except (ValueError, OSError) as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ValueError("\n".join(wrong))
+
+
+def _describe(path: Path, console: Console) -> None:
+    """Print what a file holds, and what is unusual about it."""
+    scene = read_scene(path)
+    moving = int(scene.dynamic[: scene.n_blocks].sum())
+    parts = [
+        f"{scene.n_blocks} blocks ({len(scene.eliminable_blocks)} eliminable, {moving} moving)",
+        f"{scene.n_balls} balls",
+        f"{len(scene.joints)} joints",
+        f"{len(scene.springs)} springs",
+    ]
+    lines = [f"{path}: valid, {scene.name}: {', '.join(parts)}", *(f"{path}: {line}" for line in remarks(scene))]
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,98 @@
+"""Scenes from Python, object by object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from iphyre_jax.scenes.schema import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A block or ball of a builder, to tie joints and springs to."""
+
+    is_ball: bool
+    place: int  # among the builder's blocks, or among its balls
+
+
+class SceneBuilder:
+    """Collects the objects of a scene; `build` checks them all.
+
+        builder = SceneBuilder("two shelves")
+        upper = builder.block((200, 400), (300, 400), eliminable=True)
+        ball = builder.ball((250, 340), radius=20)
+        builder.joint(upper, ball)
+        scene = builder.build()
+
+    Lengths are px; x points right, y down; the picture goes from 0 to 600 in both.
+
+    Args:
+        name: of the scene.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._blocks: list[tuple[tuple[float, float], tuple[float, float], bool, bool]] = []
+        self._balls: list[tuple[float, float, float]] = []
+        self._joints: list[tuple[Part, Part]] = []
+        self._springs: list[tuple[Part, Part]] = []
+
+    def block(
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        *,
+        eliminable: bool = False,
+        dynamic: bool = False,
+    ) -> Part:
+        """Add a block, a bar of radius 10 px between two points.
+
+        Args:
+            start: x, y of one end of its axis.
+            end: of the other.
+            eliminable: the player can remove it.
+            dynamic: it moves.
+        """
+        self._blocks.append((start, end, eliminable, dynamic))
+        return Part(False, len(self._blocks) - 1)
+
+    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> Part:
+        """Add a ball."""
+        x, y = centre
+        self._balls.append((x, y, radius))
+        return Part(True, len(self._balls) - 1)
+
+    def joint(self, first: Part, second: Part) -> None:
+        """Hold the centres of two objects at the distance they have at the start."""
+        self._joints.append((first, second))
+
+    def spring(self, first: Part, second: Part) -> None:
+        """Tie the centres of two objects with a spring of a rest length of 20 px."""
+        self._springs.append((first, second))
+
+    def build(self) -> Scene:
+        """Return the scene.
+
+        Raises:
+            ValueError: it is not valid; one line for each wrong field.
+        """
+        flags = [(eliminable, dynamic) for _, _, eliminable, dynamic in self._blocks]
+        flags += [(False, True)] * len(self._balls)
+        return Scene(
+            name=self.name,
+            blocks=[[start, end] for start, end, _, _ in self._blocks],  # type: ignore[arg-type]  # lists become arrays
+            balls=self._balls,  # type: ignore[arg-type]
+            eliminable=np.array([eliminable for eliminable, _ in flags], bool),
+            dynamic=np.array([dynamic for _, dynamic in flags], bool),
+            joints=self._pairs(self._joints),
+            springs=self._pairs(self._springs),
+        )
+
+    def _pairs(self, parts: list[tuple[Part, Part]]) -> tuple[tuple[int, int], ...]:
+        """Return object indices: blocks come first, then balls."""
+        return tuple((self._index(first), self._index(second)) for first, second in parts)
+
+    def _index(self, part: Part) -> int:
+        return part.place + len(self._blocks) * part.is_ball

@@ -1,0 +1,102 @@
+"""Where the objects of scenes are: gaps between them and what sticks out of the picture, for many layouts at once.
+
+A layout is a pair of arrays, bars (B, n, 2, 2) with end points and balls (B, m, 3) with x, y and radius, px. Objects
+are the bars, then the balls; each is what lies within its radius of a line between two points.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.scenes.messages import one_line
+from iphyre_jax.scenes.schema import Scene
+
+Floats = npt.NDArray[np.float64]
+
+FRAME: Final = 600.0  # px, side of the picture
+BAR_RADIUS: Final = 10.0  # px
+TOLERANCE: Final = 1e-6  # px; objects that lie on each other touch within rounding
+
+
+class Layouts(NamedTuple):
+    """B layouts of one scene's objects."""
+
+    bars: Floats  # (B, n, 2, 2) px
+    balls: Floats  # (B, m, 3) px
+
+    @classmethod
+    def of(cls, scene: Scene, count: int = 1) -> Layouts:
+        """Return a scene's layout, `count` times."""
+        return cls(np.repeat(scene.blocks[None], count, axis=0), np.repeat(scene.balls[None], count, axis=0))
+
+    def ends(self) -> Floats:
+        """Return the ends of all objects' lines, (B, N, 2, 2) px; a ball's are its centre."""
+        return np.concatenate([self.bars, np.repeat(self.balls[:, :, None, :2], 2, axis=2)], axis=1)
+
+    def radii(self) -> Floats:
+        """Return all objects' radii, (B, N) px."""
+        return np.concatenate([np.full(self.bars.shape[:2], BAR_RADIUS), self.balls[:, :, 2]], axis=1)
+
+
+def gaps(layouts: Layouts) -> Floats:
+    """Return the way between each two objects, (B, N, N) px: 0 if they touch, below if they overlap, inf for itself."""
+    ends, radii = layouts.ends(), layouts.radii()
+    first, second = ends[:, :, None], ends[:, None, :]
+    apart = np.minimum(_to_line(first, second), _to_line(second, first))
+    apart = np.where(_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
+    own = np.eye(ends.shape[1], dtype=bool)
+    return np.where(own, np.inf, apart)
+
+
+def outside(layouts: Layouts) -> Floats:
+    """Return how far each object sticks out of the picture, (B, N) px; 0 if it does not."""
+    ends, radii = layouts.ends(), layouts.radii()[:, :, None]
+    low = radii - ends.min(axis=2)
+    high = ends.max(axis=2) + radii - FRAME
+    return np.maximum(np.maximum(low, high).max(axis=2), 0.0)
+
+
+def remarks(scene: Scene) -> list[str]:
+    """Say what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
+
+    Returns:
+        One line for each, "field[i]: ...".
+    """
+    layouts = Layouts.of(scene)
+    names = [f"block[{i}]" for i in range(scene.n_blocks)] + [f"ball[{i}]" for i in range(scene.n_balls)]
+    lines = [
+        f"{names[i]}: sticks out of the picture by {far:g} px"
+        for i, far in enumerate(outside(layouts)[0].tolist())
+        if far > TOLERANCE
+    ]
+    between = gaps(layouts)[0]
+    for i, j in np.argwhere(np.triu(between < -TOLERANCE)).tolist():
+        lines.append(f"{names[j]}: overlaps {names[i]} by {-between[i, j]:g} px")
+    return [one_line(line) for line in lines]
+
+
+def _to_line(lines: Floats, points: Floats) -> Floats:
+    """Return the least distance of the two ends of `points` (..., 2, 2) from the lines (..., 2, 2)."""
+    start, way = lines[..., 0, :], lines[..., 1, :] - lines[..., 0, :]
+    size = (way * way).sum(-1)
+    away = points - start[..., None, :]
+    along = (away * way[..., None, :]).sum(-1) / np.where(size > 0, size, 1.0)[..., None]
+    rest = away - np.clip(along, 0.0, 1.0)[..., None] * way[..., None, :]
+    return np.asarray(np.sqrt((rest * rest).sum(-1)).min(-1))
+
+
+def _cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
+    """Return whether lines (..., 2, 2) cross."""
+    a, b = first[..., 1, :] - first[..., 0, :], second[..., 1, :] - second[..., 0, :]
+    between = second[..., 0, :] - first[..., 0, :]
+    turn = _turn(a, b)
+    safe = np.where(turn == 0, 1.0, turn)
+    t, u = _turn(between, b) / safe, _turn(between, a) / safe
+    return np.asarray((turn != 0) & (t >= 0) & (t <= 1) & (u >= 0) & (u <= 1))
+
+
+def _turn(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -1,0 +1,195 @@
+"""Seeded variations of a scene: mirrored, shifted, scaled, block by block jittered, with blocks added.
+
+The operations are pure functions of B layouts and arrays of B numbers; `vary` draws those numbers and sorts out what
+is no longer valid. A variation is refused, with a reason, if objects overlap that did not, or more than they did, or if
+one sticks out of the picture.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.scenes.geometry import FRAME, TOLERANCE, Floats, Layouts, gaps, outside
+from iphyre_jax.scenes.limits import MAX_OBJECTS, MIN_LENGTH
+from iphyre_jax.scenes.schema import Scene
+
+SOUND: Final = ""
+_EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
+
+
+def mirror(layouts: Layouts, which: npt.NDArray[np.bool_]) -> Layouts:
+    """Exchange left and right where `which`, (B,) bool, says so."""
+    bars, balls = layouts.bars.copy(), layouts.balls.copy()
+    bars[which, ..., 0] = FRAME - bars[which, ..., 0]
+    balls[which, :, 0] = FRAME - balls[which, :, 0]
+    return Layouts(bars, balls)
+
+
+def shift(layouts: Layouts, by: Floats) -> Layouts:
+    """Move all objects by (B, 2) px."""
+    balls = layouts.balls.copy()
+    balls[..., :2] += by[:, None]
+    return Layouts(layouts.bars + by[:, None, None], balls)
+
+
+def scale(layouts: Layouts, by: Floats) -> Layouts:
+    """Stretch all positions about the middle of the picture by factors (B,); radii stay, as bars have but one."""
+    balls, half = layouts.balls.copy(), FRAME / 2
+    balls[..., :2] = half + (balls[..., :2] - half) * by[:, None, None]
+    return Layouts(half + (layouts.bars - half) * by[:, None, None, None], balls)
+
+
+def jitter(layouts: Layouts, blocks: Floats, balls: Floats) -> Layouts:
+    """Move each block by (B, n, 2) px and each ball by (B, m, 2) px."""
+    moved = layouts.balls.copy()
+    moved[..., :2] += balls
+    return Layouts(layouts.bars + blocks[:, :, None], moved)
+
+
+def add_blocks(layouts: Layouts, blocks: Floats) -> Layouts:
+    """Put further blocks, (B, k, 2, 2) px, behind those that are there."""
+    return Layouts(np.concatenate([layouts.bars, blocks], axis=1), layouts.balls)
+
+
+def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
+    """Say why each layout is no valid variation, or "" if it is.
+
+    Args:
+        layouts: B layouts of N objects.
+        allowed: (N, N) px, the overlaps (negative gaps) that the original has; 0 elsewhere.
+    """
+    far, between = outside(layouts), gaps(layouts)
+    worse = np.triu(between < allowed[None] - TOLERANCE, k=1)
+    bars = layouts.bars.shape[1]
+
+    def name(index: int) -> str:
+        return f"block {index}" if index < bars else f"ball {index - bars}"
+
+    found = []
+    for b in range(len(far)):
+        if not np.isfinite(layouts.ends()[b]).all():
+            found.append("a coordinate is not finite")
+        elif (far[b] > TOLERANCE).any():
+            index = int(far[b].argmax())
+            found.append(f"{name(index)} sticks out of the picture by {far[b, index]:.3g} px")
+        elif worse[b].any():
+            i, j = np.argwhere(worse[b])[0].tolist()
+            found.append(f"{name(i)} and {name(j)} overlap by {-between[b, i, j]:.3g} px")
+        else:
+            found.append(SOUND)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Variations:
+    """What `vary` drew.
+
+    Attributes:
+        scenes: the valid variations, in the order drawn.
+        refused: why each of the others was not taken, in the order drawn.
+    """
+
+    scenes: tuple[Scene, ...]
+    refused: tuple[str, ...]
+
+
+def vary(
+    scene: Scene,
+    count: int,
+    *,
+    seed: int = 0,
+    mirrored: bool = True,
+    shift_px: float = 0.0,
+    scale_by: float = 1.0,
+    jitter_px: float = 0.0,
+    extra_blocks: int = 0,
+) -> Variations:
+    """Draw variations of a scene; the same seed gives the same ones.
+
+    Variations keep the topology of the scene (`iphyre_jax.physics.types.Topology`) unless added blocks need more room,
+    so that they and the original run in one program.
+
+    Args:
+        scene: the original.
+        count: how many to draw; refused ones are not replaced.
+        seed: of the draws, from 0 on.
+        mirrored: exchange left and right in every other one, by chance.
+        shift_px: px, the most to move all objects by in each direction.
+        scale_by: positions are stretched by factors from 1 / scale_by to scale_by; at least 1.
+        jitter_px: px, the most to move each block and ball by itself in each direction.
+        extra_blocks: static blocks to add at random places, which cannot be removed.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
+    _check(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
+    rng = np.random.default_rng(seed)
+    chance = rng.random(count) < 0.5
+    layouts = mirror(Layouts.of(scene, count), chance & mirrored)
+    factors = np.exp(rng.uniform(-1, 1, count) * math.log(scale_by))
+    layouts = scale(layouts, factors)
+    layouts = shift(layouts, rng.uniform(-shift_px, shift_px, (count, 2)))
+    moves = rng.uniform(-jitter_px, jitter_px, (count, scene.n_objects, 2))
+    layouts = jitter(layouts, moves[:, : scene.n_blocks], moves[:, scene.n_blocks :])
+    layouts = add_blocks(layouts, _random_blocks(rng, count, extra_blocks))
+    original = np.minimum(gaps(Layouts.of(scene))[0], 0.0)
+    allowed = _with_added(original, scene.n_blocks, extra_blocks)
+    found = reasons(layouts, allowed)
+    taken = tuple(
+        _scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
+        for b, reason in enumerate(found)
+        if reason == SOUND
+    )
+    return Variations(taken, tuple(reason for reason in found if reason != SOUND))
+
+
+def _check(
+    scene: Scene, count: int, seed: int, shift_px: float, scale_by: float, jitter_px: float, extra_blocks: int
+) -> None:
+    for name, whole, least in (("count", count, 1), ("seed", seed, 0), ("extra_blocks", extra_blocks, 0)):
+        if isinstance(whole, bool) or not isinstance(whole, int) or whole < least:
+            raise ValueError(f"{name}: expected a whole number of at least {least}, got {whole!r}")
+    for name, number, lowest in (("shift_px", shift_px, 0), ("scale_by", scale_by, 1), ("jitter_px", jitter_px, 0)):
+        if isinstance(number, bool) or not isinstance(number, int | float) or not lowest <= number < math.inf:
+            raise ValueError(f"{name}: expected a finite number of at least {lowest}, got {number!r}")
+    if scene.n_objects + extra_blocks > MAX_OBJECTS:
+        most = MAX_OBJECTS - scene.n_objects
+        raise ValueError(f"extra_blocks: expected at most {most} for {scene.name}, got {extra_blocks}")
+
+
+def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
+    """Draw blocks, (count, blocks, 2, 2) px: middle, length and angle uniform."""
+    middle = rng.uniform(0, FRAME, (count, blocks, 2))
+    size = rng.uniform(*_EXTRA_LENGTH, (count, blocks))
+    angle = rng.uniform(0, math.pi, (count, blocks))
+    half = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * (np.maximum(size, MIN_LENGTH) / 2)[..., None]
+    return np.stack([middle - half, middle + half], axis=2)
+
+
+def _with_added(overlaps: Floats, bars: int, added: int) -> Floats:
+    """Return (N, N) overlaps with rows and columns of zeros for blocks added behind the first `bars` objects."""
+    rows = np.insert(overlaps, [bars] * added, 0.0, axis=0)
+    return np.insert(rows, [bars] * added, 0.0, axis=1)
+
+
+def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
+    """Return a scene with the flags and links of the original; added blocks stand behind its own."""
+    added, own = len(bars) - original.n_blocks, original.n_blocks
+
+    def moved(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+        return tuple((i + added * (i >= own), j + added * (j >= own)) for i, j in pairs)
+
+    return Scene(
+        name=name[:100],
+        blocks=bars,
+        balls=balls,
+        eliminable=np.insert(original.eliminable, [own] * added, False),
+        dynamic=np.insert(original.dynamic, [own] * added, False),
+        joints=moved(original.joints),
+        springs=moved(original.springs),
+    )

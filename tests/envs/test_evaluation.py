@@ -1,0 +1,77 @@
+"""Scores of policies whose results are known, and the five-value view."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import iphyre_jax
+from iphyre_jax import SPLITS, evaluate, make
+from iphyre_jax.adapters import FiveValues
+from iphyre_jax.env import play
+
+
+def nothing(key: jax.Array, seen: jax.Array) -> jax.Array:
+    return jnp.zeros(6)
+
+
+def random_times(key: jax.Array, seen: jax.Array) -> jax.Array:
+    return jax.random.uniform(key, (6,))
+
+
+def test_doing_nothing_costs_fifteen() -> None:
+    scores = evaluate(nothing, ["support", "hole"], strategy="in-advance", episodes=3)
+    assert scores.games == ("support", "hole")
+    np.testing.assert_array_equal(scores.reward, np.full((2, 3), -15.0))
+    np.testing.assert_array_equal(scores.seconds, 15.0)
+    assert not scores.success.any()
+    assert not scores.eliminations.any()
+    assert (scores.mean_reward, scores.success_rate) == (-15.0, 0.0)
+    assert scores.by_split() == {"basic": (-15.0, 0.0)}
+    assert scores.by_game() == {"support": (-15.0, 0.0), "hole": (-15.0, 0.0)}
+
+
+def test_scores_are_those_of_the_episodes() -> None:
+    key = jax.random.key(4)
+    scores = evaluate(random_times, ["hole"], strategy="in-advance", episodes=16, key=key)
+    keys = [jax.random.split(one, 3)[1] for one in jax.random.split(key, 16)]
+    actions = np.stack([np.asarray(random_times(one, jnp.zeros(0))) for one in keys])
+    played = play(["hole"], np.zeros(16, int), actions)
+    np.testing.assert_allclose(scores.reward[0], played.reward, atol=1e-4)
+    np.testing.assert_array_equal(scores.success[0], played.success)
+    np.testing.assert_array_equal(scores.eliminations[0], played.eliminations)
+
+
+def test_bad_evaluations_get_one_line() -> None:
+    for options, message in (
+        ({"split": "bascic"}, "split: expected one of all, basic"),
+        ({"split": []}, "scenes: expected a sequence"),
+        ({"strategy": "guess"}, "strategy: expected one of in-advance, on-the-fly, combined"),
+        ({"protocol": "human"}, "protocol: expected one of"),
+        ({"episodes": 0}, "episodes: expected a whole number of at least 1"),
+        ({"policy": None}, "policy: expected a function"),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
+            evaluate(**({"policy": nothing, "split": "basic", "strategy": "in-advance"} | options))
+        assert "\n" not in str(caught.value)
+    assert set(SPLITS) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic"}
+
+
+def test_five_values_under_scan() -> None:
+    env = FiveValues(*make("on-the-fly/support-v1"))
+    assert env.name == "on-the-fly/support-v1"
+    assert env.num_actions == 7
+    assert env.action_space().n == 7
+    _, state = env.reset(jax.random.key(0))
+
+    def one(state: iphyre_jax.EnvState, action: jax.Array) -> tuple[iphyre_jax.EnvState, tuple[jax.Array, ...]]:
+        seen, state, reward, done, info = env.step(jax.random.key(0), state, action)
+        return state, (seen, reward, done, info["terminated"], info["truncated"])
+
+    seen, reward, done, terminated, truncated = jax.lax.scan(one, state, jnp.array([1, 2] + [0] * 60))[1]
+    assert seen.shape == (62, *env.observation_space().shape)
+    np.testing.assert_array_equal(done, terminated | truncated)
+    assert done.sum() >= 1
+    assert reward.max() > 900
