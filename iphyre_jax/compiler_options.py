@@ -11,9 +11,11 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-# Names that begin with "-" go to LLVM. Nothing else in the project names an option. Not among them is
-# xla_cpu_use_multi_output_fusion: together with small while loops it makes jaxlib 0.10.2 abort on some of our programs.
+# Names that begin with "-" go to LLVM. Nothing else in the project names an option. Together, the first two
+# made jaxlib 0.10.2 abort on an older form of our step: whoever changes the step compiles every topology under them.
 OPTIONS: Mapping[str, str] = {
+    # One loop for several results, instead of one loop for each that computes again what they share.
+    "xla_cpu_use_multi_output_fusion": "true",
     # A loop that carries less than so many bytes becomes one function, instead of a call for each operation in it.
     "xla_cpu_small_while_loop_byte_threshold": "1048576",
     # LLVM compares more pairs of arrays before it gives up vectorising a loop with many results.
