@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.mixture import Mixture, Stretch, start
+from iphyre_jax.envs.mixture import Games, Mixture, Stretch, start
 from iphyre_jax.physics.types import Timing, World
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.rollouts import Outcome
@@ -125,7 +125,8 @@ def _outcomes(mixture: Mixture, times: Timing, worlds: World, steps: npt.NDArray
     frames = jnp.int32(len(official_clock(FPS)))
 
     def one(world: World, plan: jax.Array) -> Outcome:
-        stretch = Stretch(world, jnp.int32(0), plan, frames)
-        return mixture.play(times, stretch, start(mixture.topologies[0], world)).outcome
+        games = Games(jax.tree.map(lambda leaf: leaf[None], world), jnp.zeros(1, jnp.int32))
+        stretch = Stretch(jnp.int32(0), plan, frames)
+        return mixture.play(times, games, stretch, start(mixture.topologies[0], world)).outcome
 
-    return jax.vmap(one)(worlds, jnp.asarray(steps))
+    return jax.vmap(one)(jax.tree.map(jnp.asarray, worlds), jnp.asarray(steps))

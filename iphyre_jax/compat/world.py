@@ -92,4 +92,4 @@ def _play(topology: Topology, world: World, timing: Timing, until: jax.Array, pr
     """Play a world on, also one that is solved already: the official class never refuses a step."""
     no, never = jnp.zeros((), bool), jnp.full(1, -1, jnp.int32)
     going = replace(progress, outcome=replace(progress.outcome, over=no, success=no))
-    return play_lanes(topology, timing, Stretch(world, jnp.int32(0), never, until), going)
+    return play_lanes(topology, timing, world, Stretch(jnp.int32(0), never, until), going)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,6 @@ from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, 
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
-from iphyre_jax.physics.types import Timing
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.rollouts import Outcome
 from iphyre_jax.scenes import MAX_ELIMINABLE
@@ -29,6 +28,7 @@ from iphyre_jax.scenes.build import timing
 
 ObservationName = Literal["official", "motion", "image"]
 Info = dict[str, Any]
+Tree = TypeVar("Tree")
 
 
 @dataclass(frozen=True)
@@ -190,8 +190,9 @@ class Environment:
         order = self.strategy.order(action, before.state.step, state.used, standing(world, before), self.protocol)
         ended = jnp.any(jnp.stack(self._ending(state)))
         until = jnp.where(ended, before.state.step, order.until)
-        stretch = Stretch(world, jnp.asarray(params.kind)[state.game], order.plan, until)
-        progress = self.mixture.play(_opaque(timing(self.protocol.fps, self.dtype)), stretch, before)
+        stretch = Stretch(state.game, order.plan, until)
+        times, games = _opaque((timing(self.protocol.fps, self.dtype), params.table))
+        progress = self.mixture.play(times, games, stretch, before)
         used = jnp.where(ended, state.used, order.used)
         return replace(state, progress=progress, used=used), self._reward(before.outcome, progress.outcome)
 
@@ -211,6 +212,6 @@ class Environment:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 
 
-def _opaque(times: Timing) -> Timing:
-    """Return the time step out of the compiler's sight: as a constant, its divisions would round otherwise."""
-    return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, times))
+def _opaque(tree: Tree) -> Tree:
+    """Return arrays out of the compiler's sight: what it does with constants rounds otherwise."""
+    return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, tree))

@@ -27,7 +27,8 @@ from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import Progress, begin, play_step
 
 Tree = TypeVar("Tree")
-Play = Callable[[Timing, "Stretch", Progress], Progress]
+Play = Callable[[Timing, "Games", "Stretch", Progress], Progress]
+Branch = Callable[["Stretch", Progress], Progress]
 
 LANES = 128  # worlds a chunk on a CPU: their state stays in the cache of a core
 LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once
@@ -35,11 +36,19 @@ LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Games:
+    """A table of worlds, filled up, one a row of every array."""
+
+    world: World
+    kind: jax.Array  # (games,) int32, index into the mixture's topologies
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Stretch:
     """What one world is to play next."""
 
-    world: World
-    kind: jax.Array  # () int32, index into the mixture's topologies
+    game: jax.Array  # () int32, row of the table
     plan: jax.Array  # (slots,) int32, the 0-based step before which a block goes; -1 or a step gone by: it stays
     until: jax.Array  # () int32, play until so many steps are made or the episode is over
 
@@ -86,7 +95,7 @@ class Mixture:
     """The topologies that one program plays; hashable, hence static under `jax.jit`.
 
     Attributes:
-        topologies: in the order in which `Stretch.kind` counts them.
+        topologies: in the order in which `Games.kind` counts them.
         worlds: shapes of a world of each.
         progresses: shapes of its progress.
     """
@@ -113,15 +122,16 @@ class Mixture:
         """The shapes of a progress filled up."""
         return Rows.largest(self.progresses)
 
-    def play(self, timing: Timing, stretch: Stretch, progress: Progress) -> Progress:
+    def play(self, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
         """Play one world until `stretch.until` steps are made or its episode is over; one that is over stays as it is.
 
         Args:
             timing: of the physics step; not to be mapped over.
-            stretch: of one world, filled up.
+            games: the table.
+            stretch: of one world.
             progress: of the world, filled up.
         """
-        return _vmappable(self)(timing, stretch, progress)
+        return _vmappable(self)(timing, games, stretch, progress)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -130,15 +140,14 @@ def start(topology: Topology, world: World) -> Progress:
     return begin(topology, world, jnp.zeros((), bool))
 
 
-def play_lanes(topology: Topology, timing: Timing, stretch: Stretch, progress: Progress) -> Progress:
+def play_lanes(topology: Topology, timing: Timing, world: World, stretch: Stretch, progress: Progress) -> Progress:
     """Play worlds of one topology, each from its own clock to its own end; lanes may stand behind every row.
 
     Unlike `rollouts.advance`, which plays all lanes from one common step, a lane waits here while others play on.
     """
-    column = stretch.world.column
-    removal = jnp.full_like(column, -1)
+    removal = jnp.full_like(world.column, -1)
     for slot in range(stretch.plan.shape[0]):
-        removal = jnp.where(column == slot, jnp.expand_dims(stretch.plan[slot], 0), removal)
+        removal = jnp.where(world.column == slot, jnp.expand_dims(stretch.plan[slot], 0), removal)
 
     def waits(progress: Progress) -> jax.Array:
         return progress.outcome.over | (progress.state.step >= stretch.until)
@@ -148,7 +157,7 @@ def play_lanes(topology: Topology, timing: Timing, stretch: Stretch, progress: P
         # A waiting lane is played as one that is over, which costs the others nothing, and then put back.
         marked = replace(old, outcome=replace(old.outcome, over=waiting))
         due = removal == jnp.expand_dims(old.state.step, 0)
-        new = play_step(topology, stretch.world, timing, marked, due)
+        new = play_step(topology, world, timing, marked, due)
         return jax.tree.map(lambda was, now: jnp.where(jnp.broadcast_to(waiting, now.shape), was, now), old, new)
 
     return jax.lax.while_loop(lambda progress: ~jnp.all(waits(progress)), once, progress)
@@ -161,7 +170,7 @@ def _vmappable(mixture: Mixture) -> Play:
 
     @play.def_vmap
     def batched(
-        size: int, mapped: Sequence[object], timing: Timing, stretch: Stretch, progress: Progress
+        size: int, mapped: Sequence[object], timing: Timing, games: Games, stretch: Stretch, progress: Progress
     ) -> tuple[Progress, Progress]:
         if any(jax.tree.leaves(mapped[0])):
             raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
@@ -169,28 +178,75 @@ def _vmappable(mixture: Mixture) -> Play:
         def with_axis(leaf: jax.Array, has_axis: bool) -> jax.Array:
             return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
 
-        stretch, progress = jax.tree.map(with_axis, (stretch, progress), tuple(mapped[1:]))
-        batch = stretch.kind.shape
+        stretch, progress = jax.tree.map(with_axis, (stretch, progress), tuple(mapped[2:]))
+        if any(jax.tree.leaves(mapped[1])):  # a table for each: one below the other
+            games = jax.tree.map(with_axis, games, mapped[1])
+            each = games.kind.shape[1]
+            games = jax.tree.map(lambda leaf: leaf.reshape(size * each, *leaf.shape[2:]), games)
+            first = each * jnp.arange(size, dtype=jnp.int32)
+            stretch = replace(stretch, game=stretch.game + first.reshape(size, *(1,) * (stretch.game.ndim - 1)))
+        batch = stretch.game.shape
         count = math.prod(batch)
         flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (stretch, progress))
-        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, *flat))
+        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, games, *flat))
         return out, jax.tree.map(lambda _: True, out)
 
     return play
 
 
-def _play(mixture: Mixture, timing: Timing, stretch: Stretch, progress: Progress) -> Progress:
+def _play(mixture: Mixture, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
     """Play one world, or a batch on the leading axis."""
-    branches = [partial(_play_kind, mixture, kind, timing) for kind in range(len(mixture.topologies))]
-    if stretch.kind.ndim == 0:
-        return jax.lax.switch(stretch.kind, branches, stretch, progress)
-    size = stretch.kind.shape[0]
+    branches = [partial(_play_kind, mixture, kind, timing, games.world) for kind in range(len(mixture.topologies))]
+    if stretch.game.ndim == 0:
+        return jax.lax.switch(games.kind[stretch.game], branches, stretch, progress)
+    size = stretch.game.shape[0]
     lanes = min(size, LANES if jax.default_backend() == "cpu" else LANES_OF_DEVICE)
-    if len(branches) == 1 and size == lanes:
-        return _as_batch(branches[0](*_as_lanes((stretch, progress))))
-    chunks = _chunks(stretch.kind, len(branches), lanes)
+    if len(branches) == 1:
+        return _play_slices(branches[0], lanes, stretch, progress)
+    return _play_sorted(branches, lanes, games.kind[stretch.game], stretch, progress)
 
-    def chunk(k: jax.Array, whole: Progress) -> Progress:
+
+def _play_kind(
+    mixture: Mixture, kind: int, timing: Timing, worlds: World, stretch: Stretch, progress: Progress
+) -> Progress:
+    """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
+    own = mixture.worlds[kind]
+    one = jax.tree.leaves(worlds)[0].shape[0] == 1
+
+    def in_lanes(leaf: jax.Array) -> jax.Array:
+        if one:  # nothing to look up, and the same number in all lanes
+            rows = leaf[0].reshape(*leaf.shape[1:], *(1,) * stretch.game.ndim)
+            return jnp.broadcast_to(rows, (*leaf.shape[1:], *stretch.game.shape))
+        return jnp.moveaxis(leaf[stretch.game], 0, -1) if stretch.game.ndim else leaf[stretch.game]
+
+    world = own.cut(jax.tree.map(in_lanes, worlds))
+    after = play_lanes(mixture.topologies[kind], timing, world, stretch, mixture.progresses[kind].cut(progress))
+    return mixture.progress.fill(after)
+
+
+def _play_slices(branch: Branch, lanes: int, stretch: Stretch, progress: Progress) -> Progress:
+    """Play a batch of worlds of one topology, slice by slice."""
+    size = stretch.game.shape[0]
+    if size == lanes:
+        return _as_batch(branch(*_as_lanes((stretch, progress))))
+
+    def play(k: jax.Array, whole: Progress) -> Progress:
+        begin = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice has again are done and wait
+        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, begin, lanes), (stretch, whole))
+        after = _as_batch(branch(*_as_lanes(part)))
+        return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, begin, 0), whole, after)
+
+    return jax.lax.fori_loop(0, -(-size // lanes), play, progress)
+
+
+def _play_sorted(
+    branches: Sequence[Branch], lanes: int, kind: jax.Array, stretch: Stretch, progress: Progress
+) -> Progress:
+    """Play a batch of worlds of several topologies, sorted into chunks of one topology each."""
+    size = stretch.game.shape[0]
+    chunks = _chunks(kind, len(branches), lanes)
+
+    def play(k: jax.Array, whole: Progress) -> Progress:
         kind, rows = chunks.at(k)
         part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (stretch, whole))
         part = replace(part, until=jnp.where(rows < size, part.until, 0))  # a spare lane waits from the start
@@ -201,14 +257,7 @@ def _play(mixture: Mixture, timing: Timing, stretch: Stretch, progress: Progress
             after,
         )
 
-    return jax.lax.fori_loop(0, chunks.count, chunk, progress)
-
-
-def _play_kind(mixture: Mixture, kind: int, timing: Timing, stretch: Stretch, progress: Progress) -> Progress:
-    """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
-    own = replace(stretch, world=mixture.worlds[kind].cut(stretch.world))
-    after = play_lanes(mixture.topologies[kind], timing, own, mixture.progresses[kind].cut(progress))
-    return mixture.progress.fill(after)
+    return jax.lax.fori_loop(0, chunks.count, play, progress)
 
 
 def _as_lanes(tree: Tree) -> Tree:

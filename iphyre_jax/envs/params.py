@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.envs.features import Features, scene_tables
-from iphyre_jax.envs.mixture import Mixture, start
+from iphyre_jax.envs.mixture import Games, Mixture, start
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.physics.types import World
 from iphyre_jax.programs import built
@@ -28,15 +28,19 @@ Tree = TypeVar("Tree")
 class EnvParams:
     """The games of an environment, one a row of every array; an episode begins with one of them at random."""
 
-    world: World  # as the solver reads it
-    kind: jax.Array  # (games,) int32, topology of each
+    table: Games  # as the solver reads them
     start: Progress  # before the first step
     features: Features  # what an observation needs
 
     @property
     def games(self) -> int:
         """The number of games."""
-        return self.kind.shape[-1]
+        return self.table.kind.shape[-1]
+
+    @property
+    def world(self) -> World:
+        """The games as worlds of the solver."""
+        return self.table.world
 
 
 @jax.tree_util.register_dataclass
@@ -93,7 +97,7 @@ def make_params(scenes: Sequence[Scene], mixture: Mixture, protocol: Protocol, d
             rows.append((mixture.world.fill(world), mixture.progress.fill(start(topology, world))))
         world, progress = _table(rows)
         features = _table([scene_tables(scene, mixture, dtype) for scene in scenes])
-        return EnvParams(world, jnp.asarray(kinds, jnp.int32), progress, features)
+        return EnvParams(Games(world, jnp.asarray(kinds, jnp.int32)), progress, features)
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
