@@ -143,7 +143,7 @@ def table(title: str, *columns: str) -> Table:
 
 def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
     """All engines on all games in equal parts."""
-    title = f"All games mixed, {fps} fps: million steps a second"
+    title = f"Games mixed, {fps} fps: million steps a second"
     made = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
     base = mixture.get(STEPPING)
     for name, one in mixture.items():
@@ -187,7 +187,7 @@ def scaling_table(scales: Sequence[Scale]) -> Table:
     """Million steps a second by batch and threads."""
     threads = list(dict.fromkeys(one.threads for one in scales))
     heads = [f"{n} thread{'s' * (n > 1)}" for n in threads]
-    made = table("All games mixed, 10 fps, float32: million steps a second", "batch", *heads)
+    made = table("Games mixed, 10 fps, float32: million steps a second", "batch", *heads)
     for batch in dict.fromkeys(one.batch for one in scales):
         rates = {one.threads: one.measured.rate for one in scales if one.batch == batch}
         made.add_row(str(batch), *(millions(rates[n]) for n in threads))
