@@ -190,26 +190,21 @@ def _empty(slots: int, like: jax.Array) -> _Slots:
 def _visit(kind: _Kind, slots: _Slots) -> _Slots:
     """Append the touching points of the candidates of one kind."""
     rows, bodies = jnp.asarray(np.array(kind.pairs, np.int32)), jnp.asarray(np.array(kind.bodies, np.int32))
-    Loop = tuple[jax.Array, tuple[jax.Array, ...], tuple[jax.Array, ...], _Slots]
-
-    def load(words: tuple[jax.Array, ...]) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...]]:
-        """Read what the next candidate needs; anything if there is none."""
-        pair, words = lanes.take_first(words)
-        one, two = (lanes.read(table, rows[pair, end]) for end, table in enumerate(kind.tables))
-        tag = ((4 * (kind.first_id + pair)) << 2 * BODY_BITS) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
-        return (tag, lanes.read(kind.info, pair), one, two), words
+    Loop = tuple[tuple[jax.Array, ...], _Slots]
 
     def body(loop: Loop) -> Loop:
-        _, words, (tag, info, one, two), slots = loop
+        words, slots = loop
+        pair, words = lanes.take_first(words)
+        one, two = (lanes.read(table, rows[pair, end]) for end, table in enumerate(kind.tables))
+        info, bits = lanes.read(kind.info, pair), 2 * BODY_BITS
+        tag = ((4 * (kind.first_id + pair)) << bits) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
         frame, touches = kind.touch(one, two)
         for place, touch in enumerate(touches):
-            slots = _append(
-                slots, _key(info, place, touch), tag + (_id_class(info, touch) << 2 * BODY_BITS), frame, touch
-            )
-        return lanes.any_set(words), *load(words)[::-1], slots
+            slots = _append(slots, _key(info, place, touch), tag + (_id_class(info, touch) << bits), frame, touch)
+        return words, slots
 
     words = lanes.any_lane(kind.info[:, 0] != KEY_NONE)
-    return jax.lax.while_loop(lambda loop: loop[0], body, (lanes.any_set(words), *load(words)[::-1], slots))[3]
+    return jax.lax.while_loop(lambda loop: lanes.any_set(loop[0]), body, (words, slots))[1]
 
 
 def _key(info: jax.Array, place: int, touch: Touch) -> jax.Array:

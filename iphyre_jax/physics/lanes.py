@@ -1,8 +1,8 @@
 """Small helpers for arrays whose trailing axes are lanes (many worlds side by side).
 
-Loops over rows keep what they work on in the loop's state: `visit` reads the next row at the end of an iteration. A
-row that is read where it is used becomes part of a fused loop whose index the compiler loads again for every lane,
-and such a loop is not vectorised.
+Loops work on tables, arrays with one row for each thing that the loop visits. Rows are read and stacked behind
+barriers: inside a fused loop the compiler would load a row's index again, or choose among the stacked parts, for every
+lane, and such a loop is not vectorised.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ WORD = 32  # flags a machine word
 
 def read(tables: Tree, row: jax.Array) -> Tree:
     """Return one row of every array of `tables`; the index is the same for all lanes."""
-    return jax.tree.map(lambda table: jax.lax.dynamic_index_in_dim(table, row, 0, keepdims=False), tables)
+    rows = jax.tree.map(lambda table: jax.lax.dynamic_index_in_dim(table, row, 0, keepdims=False), tables)
+    return jax.lax.optimization_barrier(rows)
 
 
 def write(tables: Tree, row: jax.Array, values: Tree) -> Tree:
@@ -31,18 +32,13 @@ def write(tables: Tree, row: jax.Array, values: Tree) -> Tree:
 
 
 def stack(rows: Sequence[jax.Array], axis: int = 0) -> jax.Array:
-    """Stack arrays; the barrier keeps the compiler from computing each row again inside one branching loop."""
+    """Stack arrays of one shape."""
     return jax.lax.optimization_barrier(jnp.stack(rows, axis))
 
 
 def visit(tables: Tree, count: jax.Array, body: Callable[[jax.Array, Tree, Carry], Carry], carry: Carry) -> Carry:
     """Return `carry` after body(k, row k of the tables, carry) for k = 0 .. count - 1; count may be traced."""
-
-    def once(k: jax.Array, loop: tuple[Tree, Carry]) -> tuple[Tree, Carry]:
-        rows, carry = loop
-        return read(tables, k + 1), body(k, rows, carry)
-
-    return jax.lax.fori_loop(0, count, once, (read(tables, jnp.int32(0)), carry))[1]
+    return jax.lax.fori_loop(0, count, lambda k, carry: body(k, read(tables, k), carry), carry)
 
 
 def pick(rows: Sequence[jax.Array], index: jax.Array) -> jax.Array:

@@ -165,7 +165,8 @@ def _relative(contact: Contact, motions: list[Motion], *, bias: bool = False) ->
     total: Vec | None = None
     for k, (motion, arm) in enumerate(zip(motions, contact.arm, strict=True)):
         velocity, angular = (motion.bias_velocity, motion.bias_angular) if bias else (motion.velocity, motion.angular)
-        own = _times(contact, k, velocity) + perp(arm) * angular
+        own = _times(contact, k, velocity)
+        own = Vec(own.x - product(arm.y, angular), own.y + product(arm.x, angular))
         total = own if total is None else total + own
     assert total is not None  # noqa: S101  a world without moving bodies is not valid
     return total
@@ -236,21 +237,19 @@ def solve(
 
     used: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
     """
-    Rows = tuple[jax.Array, jax.Array]
-    Loop = tuple[Rows, jax.Array, list[Motion]]
+    Carry = tuple[jax.Array, list[Motion]]
 
-    def slot(k: jax.Array, loop: Loop) -> Loop:
-        (fixed, row), impulses, motions = loop
-        new, motions = _solve_point(world, unpack_contact(fixed, len(motions)), row, motions)
-        impulses = lanes.write(impulses, k, new)
-        return lanes.read((contacts.fixed, impulses), k + 1), impulses, motions
+    def slot(k: jax.Array, fixed: jax.Array, carry: Carry) -> Carry:
+        impulses, motions = carry
+        contact = unpack_contact(fixed, len(motions))
+        new, motions = _solve_point(world, contact, lanes.read(impulses, k), motions)
+        return lanes.write(impulses, k, new), motions
 
     def sweep(
         _: jax.Array, carry: tuple[jax.Array, list[joints.Link], list[Motion]]
     ) -> tuple[jax.Array, list[joints.Link], list[Motion]]:
         impulses, links, motions = carry
-        first = lanes.read((contacts.fixed, impulses), jnp.int32(0))
-        _, impulses, motions = jax.lax.fori_loop(0, used, slot, (first, impulses, motions))
+        impulses, motions = lanes.visit(contacts.fixed, used, slot, (impulses, motions))
         links, motions = joints.sweep(topology, timing, links, motions, place)
         return impulses, links, motions
 
