@@ -56,7 +56,8 @@ def test_clicks_hit_within_ends_and_ten_px() -> None:
     simulator = IPHYRE("support")
     for click, hit in hits.items():
         simulator.reset()
-        assert (simulator.step(click)[1] < -10) == hit
+        assert bool(simulator.removals([[*click, 1.0]])) == hit
+    assert not simulator.removals([[250, 500, 0.0]])  # at 0 s a click has no effect
 
 
 # (times, solved, blocks removed, seconds) of generate_actions("support", 2, 2, 0.1, 15.0, 7.0, 6) of iphyre 0.2.3 with

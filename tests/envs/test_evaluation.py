@@ -21,27 +21,22 @@ def random_times(key: jax.Array, seen: jax.Array) -> jax.Array:
     return jax.random.uniform(key, (6,))
 
 
-def test_doing_nothing_costs_fifteen() -> None:
-    scores = evaluate(nothing, ["support", "hole"], strategy="in-advance", episodes=3)
-    assert scores.games == ("support", "hole")
-    np.testing.assert_array_equal(scores.reward, np.full((2, 3), -15.0))
-    np.testing.assert_array_equal(scores.seconds, 15.0)
-    assert not scores.success.any()
-    assert not scores.eliminations.any()
-    assert (scores.mean_reward, scores.success_rate) == (-15.0, 0.0)
-    assert scores.by_split() == {"basic": (-15.0, 0.0)}
-    assert scores.by_game() == {"support": (-15.0, 0.0), "hole": (-15.0, 0.0)}
-
-
 def test_scores_are_those_of_the_episodes() -> None:
     key = jax.random.key(4)
-    scores = evaluate(random_times, ["hole"], strategy="in-advance", episodes=16, key=key)
-    keys = [jax.random.split(one, 3)[1] for one in jax.random.split(key, 16)]
+    scores = evaluate(random_times, ["hole", "support"], strategy="in-advance", episodes=16, key=key)
+    keys = [jax.random.split(one, 3)[1] for one in jax.random.split(key, 32)]
     actions = np.stack([np.asarray(random_times(one, jnp.zeros(0))) for one in keys])
-    played = play(["hole"], np.zeros(16, int), actions)
-    np.testing.assert_allclose(scores.reward[0], played.reward, atol=1e-4)
-    np.testing.assert_array_equal(scores.success[0], played.success)
-    np.testing.assert_array_equal(scores.eliminations[0], played.eliminations)
+    played = play(["hole", "support"], np.repeat([0, 1], 16), actions)
+    assert scores.games == ("hole", "support")
+    for name, value in (("reward", played.reward), ("seconds", played.steps / 10)):
+        np.testing.assert_allclose(getattr(scores, name), value.reshape(2, 16), atol=1e-4)
+    np.testing.assert_array_equal(scores.success, played.success.reshape(2, 16))
+    np.testing.assert_array_equal(scores.eliminations, played.eliminations.reshape(2, 16))
+    assert not scores.fault.any()
+    assert scores.mean_reward == pytest.approx(played.reward.mean(), abs=1e-4)
+    assert scores.success_rate == played.success.mean()
+    assert scores.by_split() == {"basic": pytest.approx((scores.mean_reward, scores.success_rate))}
+    assert scores.by_game()["hole"] == pytest.approx((played.reward[:16].mean(), played.success[:16].mean()))
 
 
 def test_bad_evaluations_get_one_line() -> None:
