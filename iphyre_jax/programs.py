@@ -39,6 +39,7 @@ class Program:
 
 _LOCKS: dict[tuple[Topology, str], Lock] = {}
 _PROGRAMS: dict[tuple[Topology, str], Program] = {}
+_STARTS: dict[int, tuple[World, rollouts.Progress]] = {}  # by the identity of a `World` that `built` keeps
 
 
 @cache
@@ -70,22 +71,43 @@ class Chunk:
     rows: npt.NDArray[np.integer[Any]]  # (used,) the caller's rows
 
 
-def _in_lanes(chunk: Chunk) -> tuple[World, npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
-    """Return the chunk's worlds and plans with lanes behind, and the unused lanes, which repeat the last world."""
-    lane = np.minimum(np.arange(LANES), len(chunk.which) - 1)
-    which = chunk.which[lane]
-    world = jax.tree.map(lambda *leaves: np.stack(leaves, -1)[..., which], *chunk.worlds)
+def _lanes(chunk: Chunk) -> npt.NDArray[np.integer[Any]]:
+    """Return which of the chunk's worlds each lane plays; unused lanes repeat the last one."""
+    return np.minimum(np.arange(LANES), len(chunk.which) - 1)
+
+
+def _worlds(chunk: Chunk) -> World:
+    """Return the numbers of the chunk's worlds with lanes behind."""
+    which = chunk.which[_lanes(chunk)]
+    return jax.tree.map(lambda *leaves: np.stack(leaves, -1)[..., which], *chunk.worlds)
+
+
+def _plans(chunk: Chunk) -> npt.NDArray[np.int32]:
+    """Return the chunk's plans with lanes behind."""
     plan = np.full((MAX_ELIMINABLE, LANES), -1, np.int32)
-    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, lane]
-    return world, plan, np.arange(LANES) >= len(chunk.which)
+    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, _lanes(chunk)]
+    return plan
+
+
+def _start(chunk: Chunk, timing: Timing, dtype: str) -> tuple[Program, World, rollouts.Progress]:
+    """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
+    one = chunk.worlds[chunk.which[0]]
+    whole = len(chunk.which) == LANES and bool(np.all(chunk.which == chunk.which[0]))
+    if whole and id(one) in _STARTS:
+        return _PROGRAMS[chunk.topology, dtype], *_STARTS[id(one)]
+    world = jax.device_put(_worlds(chunk))
+    program = _program(chunk.topology, dtype, world, timing, _plans(chunk))
+    progress = program.begin(world, np.arange(LANES) >= len(chunk.which))
+    if whole:
+        _STARTS[id(one)] = world, progress
+    return program, world, progress
 
 
 def play(chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int]) -> Iterator[rollouts.Outcome]:
     """Play a chunk and yield its outcome so far, as NumPy arrays, at each of the step counts `stops`."""
     with jax.enable_x64(dtype == "float64"):
-        world, plan, spare = _in_lanes(chunk)
-        program = _program(chunk.topology, dtype, world, timing, plan)
-        progress = program.begin(world, spare)
+        program, world, progress = _start(chunk, timing, dtype)
+        plan = _plans(chunk)
         for stop in stops:
             if stop:
                 progress = program.advance(world, timing, plan, progress, np.int32(stop))

@@ -207,7 +207,7 @@ def _simulate(
 def _chunks(
     scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings
 ) -> list[programs.Chunk]:
-    """Sort the plans by topology, then by scene, and cut them into chunks; the costliest topologies come first."""
+    """Sort the plans by topology, scene and likeness and cut them into chunks; the costliest topologies come first."""
     built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
     groups: dict[Any, list[int]] = {}
     for k in np.unique(which).tolist():
@@ -216,13 +216,24 @@ def _chunks(
     for topology, members in sorted(groups.items(), key=lambda group: -group[0].moving):
         if settings.steps > (limit := Counters(topology.moving).max_steps):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-        rows = np.concatenate([np.flatnonzero(which == k) for k in members])
+        rows = np.concatenate([_alike(np.flatnonzero(which == k), plan) for k in members])
         local = np.searchsorted(members, which[rows])
         worlds = tuple(built[k][1] for k in members)
         for start in range(0, len(rows), programs.LANES):
             part = slice(start, start + programs.LANES)
             chunks.append(programs.Chunk(topology, worlds, local[part], plan[rows[part]], rows[part]))
     return chunks
+
+
+def _alike(rows: npt.NDArray[np.integer[Any]], plan: npt.NDArray[np.int32]) -> npt.NDArray[np.integer[Any]]:
+    """Return the rows of one scene sorted by the order in which their blocks go, then by the times.
+
+    Neighbours in a chunk then touch the same things at the same time, which a chunk computes once for all.
+    """
+    times = np.where(plan[rows] < 0, np.iinfo(np.int32).max, plan[rows])
+    order = np.argsort(times, axis=1, kind="stable")
+    keys = np.concatenate([np.sort(times, axis=1)[:, ::-1], order[:, ::-1]], axis=1)  # the last key is the first
+    return rows[np.lexsort(keys.T)] if keys.shape[1] else rows
 
 
 def _poses(scene: Scene, outcome: Outcome) -> npt.NDArray[np.floating[Any]]:
