@@ -12,7 +12,19 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics.constants import BAR_RADIUS
-from iphyre_jax.physics.vector import Vec, clamp01, cross, dot, length, lerp, normalized, product, rounded, where
+from iphyre_jax.physics.vector import (
+    Vec,
+    clamp01,
+    cross,
+    dot,
+    length,
+    lerp,
+    normalized,
+    perp,
+    product,
+    rounded,
+    where,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -71,38 +83,59 @@ def segment_segment(one: Segment, two: Segment) -> tuple[Touch, Touch]:
 
     Exchanging the bars flips the normal and exchanges the points.
     """
-    normal, distance, collinear = _separation(one, two)
-    near = (distance <= 2 * BAR_RADIUS) & ~collinear
+    normal, distance = _separation(one, two)
+    near = (distance <= 2 * BAR_RADIUS) & ((normal.x != 0) | (normal.y != 0))
     return _clip(one, two, normal, near)
 
 
-def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array, jax.Array]:
-    """Return normal, signed distance and exact collinearity of two core lines.
+def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
+    """Return normal and signed distance of two core lines; a zero normal where the reference finds none.
 
-    The difference set {q - p} of the core lines is a parallelogram. Its point nearest to the origin gives the distance;
-    if the lines cross, the origin lies inside, and the nearest side gives the depth. The reference finds the same by
-    iteration. Two bars on exactly one line get no contact: the reference's normal is zero there.
+    The difference set {q - p} of the core lines is a parallelogram, whose point nearest to the origin tells both. The
+    reference finds the side that holds it by iteration (Gilbert, Johnson and Keerthi) from the two corners that lie
+    farthest across the line between the bars' centres. From there one exchange of a corner reaches that side; of
+    parallel bars, two sides of which are equally near, it has to be the same one, as their distances round differently.
+    Crossing lines have the origin inside, and the nearest side gives the depth.
     """
-    corners = two.a - one.a, two.b - one.a, two.a - one.b, two.b - one.b
-    sides = [(corners[i], corners[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
-    point, inner, edge = _nearest(*sides[0])
-    best = dot(point, point)
-    for side in sides[1:]:
-        other_point, other_inner, other_edge = _nearest(*side)
-        square = dot(other_point, other_point)
-        nearer = square < best
-        best = jnp.minimum(best, square)
-        point, edge = where(nearer, other_point, point), where(nearer, other_edge, edge)
-        inner = jnp.where(nearer, other_inner, inner)
-    unit = normalized(Vec(edge.y, -edge.x))
+    across = perp(_box_centre(one) - _box_centre(two))
+    v, w = _origin_left(_support(one, two, across), _support(one, two, -across))
+    point, inner, edge = _nearest(v, w)
+    towards = where(inner, perp(edge), -point)
+    corner = _support(one, two, towards)
+    farther = dot(corner, towards) > jnp.maximum(dot(v, towards), dot(w, towards))
+    to_v, to_w = _nearest(v, corner)[0], _nearest(corner, w)[0]
+    keeps_v = dot(to_v, to_v) < dot(to_w, to_w)
+    v, w = where(farther & ~keeps_v, corner, v), where(farther & keeps_v, corner, w)
+
+    point, inner, edge = _nearest(*_origin_left(v, w))
+    unit, far = normalized(Vec(edge.y, -edge.x)), length(point)
     signed = dot(unit, point)
-    unit = where(signed < 0, -unit, unit)
-    far = length(point)
-    tiny = jnp.finfo(far.dtype).tiny
-    normal = where(inner, unit, point * (1.0 / (far + tiny)))
-    distance = jnp.where(inner, jnp.abs(signed), far)
-    crossing, collinear = _crossing(one, two)
-    return (*_push_out(sides, crossing, normal, distance), collinear)
+    inner = inner | (signed <= 0)
+    normal = where(inner, unit, point * (1.0 / (far + jnp.finfo(far.dtype).tiny)))
+    return _push_out(one, two, normal, jnp.where(inner, signed, far))
+
+
+def _box_centre(bar: Segment) -> Vec:
+    """Return the centre of a bar's box, rounded as the reference's."""
+
+    def middle(p: jax.Array, q: jax.Array) -> jax.Array:
+        low, high = jnp.minimum(p, q) - BAR_RADIUS, jnp.maximum(p, q) + BAR_RADIUS
+        return product(low, jnp.array(0.5, low.dtype)) + product(high, jnp.array(0.5, low.dtype))
+
+    return Vec(middle(bar.a.x, bar.b.x), middle(bar.a.y, bar.b.y))
+
+
+def _support(one: Segment, two: Segment, direction: Vec) -> Vec:
+    """Return the corner of the difference set that lies farthest in a direction."""
+    of_one = where(dot(one.a, -direction) > dot(one.b, -direction), one.a, one.b)
+    of_two = where(dot(two.a, direction) > dot(two.b, direction), two.a, two.b)
+    return of_two - of_one
+
+
+def _origin_left(v: Vec, w: Vec) -> tuple[Vec, Vec]:
+    """Return two corners in the order that has the origin to the left of the way from the first to the second."""
+    behind = product(v.y - w.y, v.x + w.x) > product(v.x - w.x, v.y + w.y)
+    return where(behind, w, v), where(behind, v, w)
 
 
 def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, Vec]:
@@ -113,25 +146,25 @@ def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, Vec]:
     return a * (0.5 - half) + b * (0.5 + half), (t > -1) & (t < 1), edge
 
 
-def _crossing(one: Segment, two: Segment) -> tuple[jax.Array, jax.Array]:
-    """Return whether two core lines cross strictly between their ends, and whether they lie on exactly one line."""
+def _crossing(one: Segment, two: Segment) -> jax.Array:
+    """Return whether two core lines cross strictly between their ends."""
     along_one, along_two, offset = one.b - one.a, two.b - two.a, two.a - one.a
     area = cross(along_one, along_two)
     parallel = area == 0
     safe = jnp.where(parallel, 1, area)
     s, t = cross(offset, along_two) / safe, cross(offset, along_one) / safe
-    crossing = ~parallel & (s > 0) & (s < 1) & (t > 0) & (t < 1)
-    return crossing, parallel & (cross(along_one, offset) == 0)
+    return ~parallel & (s > 0) & (s < 1) & (t > 0) & (t < 1)
 
 
-def _push_out(
-    sides: list[tuple[Vec, Vec]], crossing: jax.Array, normal: Vec, distance: jax.Array
-) -> tuple[Vec, jax.Array]:
+def _push_out(one: Segment, two: Segment, normal: Vec, distance: jax.Array) -> tuple[Vec, jax.Array]:
     """Where core lines cross, return the inward normal of the difference set's nearest side and minus its distance."""
+    crossing = _crossing(one, two)
 
     def push(_: None) -> tuple[Vec, jax.Array]:
+        corners = two.a - one.a, two.b - one.a, two.a - one.b, two.b - one.b
         best, out = jnp.full_like(distance, jnp.inf), normal
-        for a, b in sides:
+        for i, j in ((0, 1), (2, 3), (0, 2), (1, 3)):
+            a, b = corners[i], corners[j]
             unit = normalized(Vec(b.y - a.y, a.x - b.x))
             height = dot(unit, a)
             nearer = jnp.abs(height) < best
