@@ -23,6 +23,7 @@ from iphyre_jax.physics.vector import (
     perp,
     product,
     rounded,
+    rounds_as_reference,
     where,
 )
 
@@ -83,19 +84,47 @@ def segment_segment(one: Segment, two: Segment) -> tuple[Touch, Touch]:
 
     Exchanging the bars flips the normal and exchanges the points.
     """
-    normal, distance = _separation(one, two)
-    near = (distance <= 2 * BAR_RADIUS) & ((normal.x != 0) | (normal.y != 0))
+    separation = _reference_separation if rounds_as_reference(one.a) else _separation
+    normal, distance = separation(one, two)
+    crossing, collinear = _crossing(one, two)
+    normal, distance = _push_out(one, two, crossing, normal, distance)
+    near = (distance <= 2 * BAR_RADIUS) & ~collinear & ((normal.x != 0) | (normal.y != 0))
     return _clip(one, two, normal, near)
 
 
 def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
-    """Return normal and signed distance of two core lines; a zero normal where the reference finds none.
+    """Return normal and distance of two core lines that do not cross.
 
-    The difference set {q - p} of the core lines is a parallelogram, whose point nearest to the origin tells both. The
-    reference finds the side that holds it by iteration (Gilbert, Johnson and Keerthi) from the two corners that lie
-    farthest across the line between the bars' centres. From there one exchange of a corner reaches that side; of
-    parallel bars, two sides of which are equally near, it has to be the same one, as their distances round differently.
-    Crossing lines have the origin inside, and the nearest side gives the depth.
+    The difference set {q - p} of the core lines is a parallelogram; its point nearest to the origin tells both.
+    """
+    corners = two.a - one.a, two.b - one.a, two.a - one.b, two.b - one.b
+    sides = [(corners[i], corners[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
+    point, inner, edge = _nearest(*sides[0])
+    best = dot(point, point)
+    for side in sides[1:]:
+        other_point, other_inner, other_edge = _nearest(*side)
+        square = dot(other_point, other_point)
+        nearer = square < best
+        best = jnp.minimum(best, square)
+        point, edge = where(nearer, other_point, point), where(nearer, other_edge, edge)
+        inner = jnp.where(nearer, other_inner, inner)
+    unit = normalized(Vec(edge.y, -edge.x))
+    signed = dot(unit, point)
+    unit = where(signed < 0, -unit, unit)
+    far = length(point)
+    tiny = jnp.finfo(far.dtype).tiny
+    normal = where(inner, unit, point * (1.0 / (far + tiny)))
+    distance = jnp.where(inner, jnp.abs(signed), far)
+    return normal, distance
+
+
+def _reference_separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
+    """Return the same as `_separation`, rounded as the reference does; a zero normal where the reference finds none.
+
+    The reference finds the side of the parallelogram by iteration (Gilbert, Johnson and Keerthi) from the two corners
+    that lie farthest across the line between the bars' centres. From there one exchange of a corner reaches that side;
+    of parallel bars, two sides of which are equally near, it has to be the same one, as their distances round
+    differently. Not for float32: such ties are broken by rounding, which differs there.
     """
     across = perp(_box_centre(one) - _box_centre(two))
     v, w = _origin_left(_support(one, two, across), _support(one, two, -across))
@@ -112,7 +141,7 @@ def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
     signed = dot(unit, point)
     inner = inner | (signed <= 0)
     normal = where(inner, unit, point * (1.0 / (far + jnp.finfo(far.dtype).tiny)))
-    return _push_out(one, two, normal, jnp.where(inner, signed, far))
+    return normal, jnp.where(inner, signed, far)
 
 
 def _box_centre(bar: Segment) -> Vec:
@@ -146,19 +175,21 @@ def _nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, Vec]:
     return a * (0.5 - half) + b * (0.5 + half), (t > -1) & (t < 1), edge
 
 
-def _crossing(one: Segment, two: Segment) -> jax.Array:
-    """Return whether two core lines cross strictly between their ends."""
+def _crossing(one: Segment, two: Segment) -> tuple[jax.Array, jax.Array]:
+    """Return whether two core lines cross strictly between their ends, and whether they lie on exactly one line."""
     along_one, along_two, offset = one.b - one.a, two.b - two.a, two.a - one.a
     area = cross(along_one, along_two)
     parallel = area == 0
     safe = jnp.where(parallel, 1, area)
     s, t = cross(offset, along_two) / safe, cross(offset, along_one) / safe
-    return ~parallel & (s > 0) & (s < 1) & (t > 0) & (t < 1)
+    crossing = ~parallel & (s > 0) & (s < 1) & (t > 0) & (t < 1)
+    return crossing, parallel & (cross(along_one, offset) == 0)
 
 
-def _push_out(one: Segment, two: Segment, normal: Vec, distance: jax.Array) -> tuple[Vec, jax.Array]:
+def _push_out(
+    one: Segment, two: Segment, crossing: jax.Array, normal: Vec, distance: jax.Array
+) -> tuple[Vec, jax.Array]:
     """Where core lines cross, return the inward normal of the difference set's nearest side and minus its distance."""
-    crossing = _crossing(one, two)
 
     def push(_: None) -> tuple[Vec, jax.Array]:
         corners = two.a - one.a, two.b - one.a, two.a - one.b, two.b - one.b
