@@ -26,7 +26,7 @@ class Counters:
     """Widths of the fields of counters and order keys, from the number of moving bodies.
 
     counter = start + step * per_step + rank * per_rank + place; key = (owner's rank, place in the owner's list, second
-    point), most significant first. 31 bits must hold it: with n <= 8 for 131 071 steps, with n <= 12 for 16 383.
+    point), most significant first. 31 bits must hold it: `max_steps` is 131 070 for n = 7, 16 382 for n = 12.
     """
 
     def __init__(self, moving: int) -> None:
