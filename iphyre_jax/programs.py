@@ -89,14 +89,16 @@ def _plans(chunk: Chunk) -> npt.NDArray[np.int32]:
     return plan
 
 
-def _start(chunk: Chunk, timing: Timing, dtype: str) -> tuple[Program, World, rollouts.Progress]:
+def _start(
+    chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str
+) -> tuple[Program, World, rollouts.Progress]:
     """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
     one = chunk.worlds[chunk.which[0]]
     whole = len(chunk.which) == LANES and bool(np.all(chunk.which == chunk.which[0]))
     if whole and id(one) in _STARTS:
         return _PROGRAMS[chunk.topology, dtype], *_STARTS[id(one)]
     world = jax.device_put(_worlds(chunk))
-    program = _program(chunk.topology, dtype, world, timing, _plans(chunk))
+    program = _program(chunk.topology, dtype, world, timing, plan)
     progress = program.begin(world, np.arange(LANES) >= len(chunk.which))
     if whole:
         _STARTS[id(one)] = world, progress
@@ -106,8 +108,8 @@ def _start(chunk: Chunk, timing: Timing, dtype: str) -> tuple[Program, World, ro
 def play(chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int]) -> Iterator[rollouts.Outcome]:
     """Play a chunk and yield its outcome so far, as NumPy arrays, at each of the step counts `stops`."""
     with jax.enable_x64(dtype == "float64"):
-        program, world, progress = _start(chunk, timing, dtype)
         plan = _plans(chunk)
+        program, world, progress = _start(chunk, timing, plan, dtype)
         for stop in stops:
             if stop:
                 progress = program.advance(world, timing, plan, progress, np.int32(stop))

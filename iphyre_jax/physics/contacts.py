@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.physics import broadphase, lanes, shapes
-from iphyre_jax.physics.narrowphase import Touch, circle_circle, circle_segment, segment_segment
+from iphyre_jax.physics.narrowphase import Segment, Touch, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.shapes import Ball, Bar, Shapes
 from iphyre_jax.physics.types import Box, BroadPhase, Topology, World
 from iphyre_jax.physics.vector import Vec, dot
@@ -93,8 +93,11 @@ class _Kind:
 def collide(topology: Topology, world: World, shape: Shapes, broad: BroadPhase) -> tuple[Points, jax.Array]:
     """Return the touching points of every lane in solve order, (K,) rows, and how many there are (it may exceed K)."""
     order = broadphase.order(topology, world, broad)
-    kinds = [_ball_bar(topology, shape, order), _ball_ball(topology, shape, order)]
-    kinds.append(_bar_bar(topology, world, shape, broad, order))
+    kinds = (
+        _ball_bar(topology, shape, order),
+        _ball_ball(topology, shape, order),
+        _bar_bar(topology, world, shape, broad, order),
+    )
     slots = _empty(topology.slots, shape.balls[0, 0])
     for kind in kinds:
         if kind is not None:
@@ -102,14 +105,13 @@ def collide(topology: Topology, world: World, shape: Shapes, broad: BroadPhase) 
     return _in_order(slots), slots.total
 
 
-def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind | None:
+def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind:
     m, pairs = topology.bars, topology.ball_bar_pairs
 
     def touch(ball_row: jax.Array, bar_row: jax.Array) -> Touches:
         ball, bar = shapes.ball(ball_row), shapes.bar(bar_row)
         frame = _frame(ball, bar)
-        segment = bar.segment if frame.shift is None else shapes.shifted(bar.segment, frame.shift)
-        return frame, (circle_segment(frame.first, ball.radius, segment),)
+        return frame, (circle_segment(frame.first, ball.radius, _second_segment(bar, frame)),)
 
     keys = []
     for ball in range(topology.balls):
@@ -148,8 +150,7 @@ def _bar_bar(
     def touch(first_row: jax.Array, second_row: jax.Array) -> Touches:
         first, second = shapes.bar(first_row), shapes.bar(second_row)
         frame = _frame(first, second)
-        segment = second.segment if frame.shift is None else shapes.shifted(second.segment, frame.shift)
-        return frame, segment_segment(first.segment, segment)
+        return frame, segment_segment(first.segment, _second_segment(second, frame))
 
     keys, first_is_a = [], []
     for bar in range(m):
@@ -179,6 +180,11 @@ def _frame(first: Ball | Bar, second: Ball | Bar) -> _Frame:
         return _Frame(apart, first.centre, second.centre, None)
     apart = apart + (second.residue - first.residue)
     return _Frame(apart, jax.tree.map(jnp.zeros_like, apart), apart, apart)
+
+
+def _second_segment(bar: Bar, frame: _Frame) -> Segment:
+    """Return the core line of a pair's second body, a bar, in the pair's frame."""
+    return bar.segment if frame.shift is None else shapes.shifted(bar.segment, frame.shift)
 
 
 def _empty(slots: int, like: jax.Array) -> _Slots:
