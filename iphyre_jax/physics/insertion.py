@@ -13,7 +13,6 @@ the scene and of the number of the reset, so it is computed here once, in plain 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -181,8 +180,3 @@ def point_classes(first_id: int, second_id: int) -> np.ndarray:
         for end_first, end_second in ((0, 0), (0, 1), (1, 0), (1, 1))
     ]
     return np.array([hashes.index(value) for value in hashes], np.int32)
-
-
-def moving_pairs(n_moving: int) -> list[tuple[int, int]]:
-    """List the pairs of moving bodies, lower index first."""
-    return list(combinations(range(n_moving), 2))
