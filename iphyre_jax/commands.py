@@ -1,11 +1,11 @@
-"""What `iphyre-jax` can do: train, evaluate, simulate, games, scene. Needs the extra `train`."""
+"""What `iphyre-jax` can do. Needs the extra `train`."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,38 +14,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from iphyre_jax import scene_commands
+from iphyre_jax import scene_commands, train_commands
 from iphyre_jax.configuration import OFF_WORDS, configure
 from iphyre_jax.plans import Rule, plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, load_scene
+from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
-from iphyre_jax.train import loop, ppo, runs
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.evaluate import Evaluation, evaluate
-from iphyre_jax.train.report import COLUMNS, TITLES, split_rows
 
-INTERRUPTED = 130
 NEVER_WORDS = ("never", "-")
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
-
-
-@dataclass(frozen=True)
-class Train:
-    """Train an agent that plans in advance, evaluate it on the 40 games and leave a run folder."""
-
-    config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes] = field(default_factory=TrainConfig)
-    out: Path | None = None
-    """The run folder, new or empty; by default a new one under runs/."""
-
-
-@dataclass(frozen=True)
-class Evaluate:
-    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md."""
-
-    run: tyro.conf.Positional[Path]
-    """The run folder."""
-    unseen: bool = False
-    """Play the ten unseen basic games too."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +51,7 @@ class Games:
     """Only this one."""
 
 
-Command = Train | Evaluate | Simulate | Games | scene_commands.SceneCommand
+Command = train_commands.TrainingCommand | Simulate | Games | scene_commands.SceneCommand
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -83,26 +59,17 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     Calls `configure` first, unless the environment variable IPHYRE_JAX_CONFIGURE is "off".
     """
-    command: Command = tyro.cli(
-        Annotated[Train, tyro.conf.subcommand("train")]
-        | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-        | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-        | Annotated[Games, tyro.conf.subcommand("games")]
-        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")],
-        prog="iphyre-jax",
-        description="I-PHYRE in JAX: train and evaluate agents, play plans, list games, check scenes.",
-        args=None if arguments is None else list(arguments),
-    )
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    command = _parse(given)
     if (
         not isinstance(command, Games | scene_commands.SceneCommand)
         and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS
     ):
         configure()
     console = Console()
-    if isinstance(command, Train):
-        return _train(command, console)
+    if isinstance(command, train_commands.TrainingCommand):
+        return train_commands.run(command, console)
     actions: dict[type, Callable[..., None]] = {
-        Evaluate: _evaluate,
         Simulate: _simulate,
         Games: _games,
         scene_commands.SceneCommand: scene_commands.run,
@@ -111,54 +78,22 @@ def run(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _train(command: Train, console: Console) -> int:
-    """`iphyre-jax train`."""
-    config = command.config
-    config.check()
-    folder = command.out or runs.default_path(config)
-    outcome = loop.train(config, folder, console)
-    if not outcome.finished:
-        console.print(f"Saved in {folder}; `iphyre-jax evaluate {folder}` evaluates it.")
-        return INTERRUPTED
-    _evaluate_and_report(folder, config, outcome.state, GAMES, console)
-    return 0
-
-
-def _evaluate(command: Evaluate, console: Console) -> None:
-    """`iphyre-jax evaluate`."""
-    config, state = runs.load(command.run)
-    games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
-    _evaluate_and_report(command.run, config, state, games, console)
-
-
-def _evaluate_and_report(
-    folder: Path, config: TrainConfig, state: ppo.TrainState, games: Sequence[str], console: Console
-) -> None:
-    """Play the games, write the evaluation into the folder and print the table by split."""
-    with console.status(f"evaluating on {len(games)} games"):
-        evaluation = evaluate(config, state.params, games)
-    runs.write_evaluation(folder, config, evaluation, int(state.update))
-    _print_splits(evaluation, config, console)
-    console.print(f"More in {folder / 'evaluation.md'}")
-
-
-def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console) -> None:
-    """The table by split, this run beside the paper's agents and humans."""
-    console.print(f"Mean reward and success at {config.fps} fps, action head: {config.head}")
-    table = Table(box=box.SIMPLE, pad_edge=False)
-    table.add_column()
-    for split in COLUMNS:
-        table.add_column(TITLES[split], justify="right", no_wrap=True)
-    for row in split_rows(evaluation, config):
-        table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
-    console.print(table)
-    console.print("The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps.")
-    if "unseen_basic" in evaluation.splits:
-        for kind in ("greedy", "sampled"):
-            score = evaluation.mean(kind, "unseen_basic")
-            console.print(f"Unseen basic, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)")
-    if evaluation.faults:
-        console.print(f"{evaluation.faults} episodes ended with an unsound world and count as not solved.")
+def _parse(arguments: list[str]) -> Command:
+    """Parse the command line; what `train` does by default depends on the agent that it names."""
+    train = train_commands.defaults(arguments[1:]) if arguments[:1] == ["train"] else train_commands.Train()
+    command: Command = tyro.cli(
+        Annotated[train_commands.Train, tyro.conf.subcommand("train", default=train)]
+        | Annotated[train_commands.Resume, tyro.conf.subcommand("resume")]
+        | Annotated[train_commands.Evaluate, tyro.conf.subcommand("evaluate")]
+        | Annotated[train_commands.Compare, tyro.conf.subcommand("compare")]
+        | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+        | Annotated[Games, tyro.conf.subcommand("games")]
+        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")],
+        prog="iphyre-jax",
+        description="I-PHYRE in JAX: train, evaluate and compare agents, play plans, list games, check scenes.",
+        args=arguments,
+    )
+    return command
 
 
 def _simulate(command: Simulate, console: Console) -> None:

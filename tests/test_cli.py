@@ -59,7 +59,13 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
         (["train", "--fps", "25"], "fps: expected a multiple of 10"),
         (["train", "--split", "advanced"], "split: expected one of"),
         (["train", "--updates", "0"], "updates: expected at least 1"),
+        (["train", "--agent", "dqn"], "agent, strategy: expected one of ppo in-advance"),
+        (["train", "--agent", "td3"], "agent, strategy: expected one of ppo in-advance"),
+        (["train", "--preset", "best"], "preset: expected one of default, paper, got 'best'"),
         (["evaluate", "no-such-folder"], "no-such-folder: not a run folder"),
+        (["resume", "no-such-folder"], "no-such-folder: not a run folder"),
+        (["compare"], "runs: expected at least one run folder"),
+        (["compare", "no-such-folder"], "no-such-folder: not a run folder"),
     ],
 )
 def test_a_mistake_gets_one_line(
@@ -81,8 +87,8 @@ def test_a_mistake_gets_one_line(
         (["train", "--fps", "ten"], "--fps"),
         (["train", "--head", "beta"], "invalid choice 'beta'"),
         (["simulate"], "A game's name or a scene file"),
-        (["nonsense"], "train, evaluate, simulate, games"),
-        ([], "train, evaluate, simulate, games"),
+        (["nonsense"], "train, resume, evaluate, compare, simulate, games"),
+        ([], "train, resume, evaluate, compare, simulate, games"),
     ],
 )
 def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,7 +98,7 @@ def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pyt
     assert not printed.out
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "simulate", "games"])
+@pytest.mark.parametrize("command", ["train", "resume", "evaluate", "compare", "simulate", "games"])
 def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([command, "--help"]) == 0
     assert f"usage: iphyre-jax {command}" in capsys.readouterr().out

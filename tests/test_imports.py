@@ -34,13 +34,14 @@ PARTS = (
     "compat",
     "train",
     "scene_commands",
+    "train_commands",
     "commands",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
-ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro"}
-ABOVE_THE_CORE = {"train", "scene_commands", "commands", "cli"}
+ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
+ABOVE_THE_CORE = {"train", "scene_commands", "train_commands", "commands", "cli"}
 ADAPTED = {"gymnasium", "brax"}
 
 

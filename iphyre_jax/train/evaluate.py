@@ -10,14 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.env import Episodes, observation_table, play
-from iphyre_jax.observe import candidate_mask
+from iphyre_jax.env import action_to_times, observation_table
+from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train import ppo
+from iphyre_jax.train.algorithms import State, algorithm
+from iphyre_jax.train.collect import Decision, Played, collector
 from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.observations import slot_mask
 
 SCHEMA = "iphyre_jax/evaluation"
-VERSION = 1
+VERSION = 2
 SEED_STREAM = 1  # folded into the run's seed: evaluation draws other numbers than training
 
 
@@ -45,7 +47,7 @@ class GameScore:
     greedy: Score
     sampled: Score
     plan: tuple[float | None, ...]
-    """Greedy elimination time of each eliminable block, s; None: it stays."""
+    """In advance: greedy elimination time of each eliminable block, s; None: it stays. Else empty."""
 
 
 @dataclass(frozen=True)
@@ -89,50 +91,59 @@ def _mean_score(scores: Sequence[Score]) -> Score:
     )
 
 
-def evaluate(config: TrainConfig, params: ppo.Params, games: Sequence[str] = GAMES) -> Evaluation:
-    """Play every game once greedily and `config.sampled_plans` times with sampled actions.
+def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) -> Evaluation:
+    """Play every game once greedily and `config.sampled_episodes` times as the agent plays to learn.
 
     Args:
-        config: of the run; its rate, resets, type and seed are used.
-        params: of the network.
+        config: of the run; its strategy, rate, resets, type and seed are used.
+        learner: state of its algorithm.
         games: names of games of the package.
     """
-    table = observation_table(games)
-    which = np.repeat(np.arange(len(games)), 1 + config.sampled_plans)
-    seen = jnp.asarray(table[which])
+    chosen, each = algorithm(config), 1 + config.sampled_episodes
+    first = np.arange(len(games) * each) % each == 0
+
+    def act(key: jax.Array, observation: jax.Array) -> Decision:
+        sampled = chosen.act(config, learner, key, observation)
+        best = chosen.greedy(config, learner, observation)
+        is_greedy = jnp.asarray(first.reshape(-1, *(1,) * (best.ndim - 1)))
+        return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
+
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
-    sampled, _, _ = ppo.collect(config, params, key, seen)
-    first = np.arange(len(which)) % (1 + config.sampled_plans) == 0
-    actions = np.where(first[:, None], np.asarray(ppo.greedy(config, params, seen)), np.asarray(sampled))
-    played = play(games, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
+    played = collector(config, games).collect(act, key, each)[1]
     split_of = {game: split for split, names in SPLITS.items() for game in names}
+    which, plans = np.repeat(np.arange(len(games)), each), _plans(config, learner, games)
     scores = tuple(
         GameScore(
             game=game,
             split=split_of[game],
-            greedy=_score(played, (which == index) & first, config.fps),
-            sampled=_score(played, (which == index) & ~first, config.fps),
-            plan=_plan(played.eliminate_at[(which == index) & first][0], table[index], config.fps),
+            greedy=_score(played, (which == index) & first),
+            sampled=_score(played, (which == index) & ~first),
+            plan=plans[index],
         )
         for index, game in enumerate(games)
     )
     return Evaluation(scores, int((played.fault != 0).sum()))
 
 
-def _score(played: Episodes, chosen: np.ndarray[Any, np.dtype[np.bool_]], fps: int) -> Score:
+def _score(played: Played, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:
     """Mean over the chosen episodes."""
     return Score(
         reward=float(played.reward[chosen].mean()),
         success=float(played.success[chosen].mean()),
         eliminations=float(played.eliminations[chosen].mean()),
-        seconds=float(played.steps[chosen].mean() / fps),
+        seconds=float(played.seconds[chosen].mean()),
         episodes=int(chosen.sum()),
     )
 
 
-def _plan(
-    steps: np.ndarray[Any, np.dtype[np.int64]], seen: np.ndarray[Any, np.dtype[np.float32]], fps: int
-) -> tuple[float | None, ...]:
-    """Seconds of a plan's eliminations, for the blocks that the observation shows."""
-    blocks = int(candidate_mask(seen).sum())
-    return tuple(None if step < 0 else step / fps for step in steps[:blocks].tolist())
+def _plans(config: TrainConfig, learner: State, games: Sequence[str]) -> list[tuple[float | None, ...]]:
+    """Seconds of the greedy plan of each game's blocks, None for one that stays; nothing unless in advance."""
+    if config.strategy != "in-advance":
+        return [()] * len(games)
+    seen = jnp.asarray(observation_table(games))
+    times = action_to_times(np.asarray(algorithm(config).greedy(config, learner, seen)))
+    steps, blocks = plan_to_steps(times, config.fps, "in_advance"), np.asarray(slot_mask(seen)).sum(axis=1)
+    return [
+        tuple(None if step < 0 else step / config.fps for step in row[:count].tolist())
+        for row, count in zip(steps, blocks, strict=True)
+    ]

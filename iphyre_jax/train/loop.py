@@ -1,4 +1,4 @@
-"""The training run: play, learn, log, show progress, and leave a usable folder however it ends."""
+"""The training run: rounds, logs, checkpoints, progress. Killed at any moment, it can be resumed to the same bits."""
 
 from __future__ import annotations
 
@@ -10,24 +10,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from iphyre_jax.env import Episodes, observation_table, play
-from iphyre_jax.train import ppo, runs
+from iphyre_jax.train import checkpoint, runs, trainer
 from iphyre_jax.train.config import TrainConfig
-
-GREEDY_EVERY = 10  # rounds between measurements of the greedy plans, for the learning curve
+from iphyre_jax.train.curve import draw_curve
+from iphyre_jax.train.logs import Log
+from iphyre_jax.train.trainer import Line, RunState, Trainer
 
 
 class Outcome(NamedTuple):
     """What a training run ends with."""
 
     folder: Path
-    state: ppo.TrainState
+    state: RunState
     finished: bool  # False if it was interrupted
 
 
@@ -45,81 +42,56 @@ def train(config: TrainConfig, folder: Path, console: Console) -> Outcome:
     Raises:
         ValueError: one line, if the folder is in use.
     """
-    run = runs.create(folder, config)
+    runs.create(folder, config)
     console.print(f"Run folder: {folder}")
-    trainer = Trainer(config)
-    finished = False
+    return _go_on(config, folder, trainer.start(config), console)
+
+
+def resume(folder: Path, console: Console, name: str | None = None) -> Outcome:
+    """Go on with an interrupted run from a checkpoint, the newest by default; without any, from the start.
+
+    Lines of metrics.csv after the checkpoint are written again, the same but for the columns of the clock.
+
+    Raises:
+        FileNotFoundError, ValueError: one line; it is no run folder, or the checkpoint is damaged or of other versions.
+    """
+    config = runs.read_config(folder)
+    if name is None and not checkpoint.names(folder):
+        state = trainer.start(config)
+    else:
+        state = checkpoint.load(folder, config, name, to_resume=True)
+    for later in checkpoint.names(folder):
+        if int(later) > int(state.update):  # damaged, or it would not have been passed over
+            checkpoint.remove(folder, later)
+    console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} rounds made")
+    return _go_on(config, folder, state, console)
+
+
+def _go_on(config: TrainConfig, folder: Path, state: RunState, console: Console) -> Outcome:
+    """Make the rounds that are left."""
+    runner = Trainer(config, state)
+    log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
+    finished, saved = False, time.monotonic()
     try:
         with _progress(console) as progress:
-            task = progress.add_task("train", total=config.updates, status="compiling the physics of the games")
-            for update in range(1, config.updates + 1):
-                measure = update % GREEDY_EVERY == 0 or update in (1, config.updates)
-                line = trainer.round(update, measure)
-                run.log(line)
-                progress.update(task, advance=1, status=_status(line))
+            status = "compiling the physics of the games"
+            task = progress.add_task("train", total=config.updates, completed=int(state.update), status=status)
+            for _ in range(int(state.update), config.updates):
+                line = runner.round()
+                log.add(line)
+                progress.update(task, advance=1, status=_status(line, config))
+                if time.monotonic() - saved >= config.checkpoint_seconds:
+                    checkpoint.save(folder, config, runner.state)
+                    saved = time.monotonic()
         finished = True
     except KeyboardInterrupt:
         console.print("Interrupted; saving what was learned.")
     finally:
         with _uninterrupted():
-            run.close(trainer.state)
-    return Outcome(folder, trainer.state, finished)
-
-
-class Trainer:
-    """The state of a run on the host: the learner's state and the table of observations.
-
-    Attributes:
-        state: of the learner; always whole, whenever an interrupt comes.
-    """
-
-    def __init__(self, config: TrainConfig) -> None:
-        self.state = ppo.init(config)
-        self._config = config
-        self._table = observation_table(config.training_games)
-        self._which = np.repeat(np.arange(len(config.training_games)), config.plans_per_scene)
-        self._seen = jnp.asarray(self._table[self._which])
-        self._start = time.monotonic()
-
-    def round(self, update: int, measure_greedy: bool) -> runs.Round:
-        """Play and learn once; `update` counts from 1."""
-        config = self._config
-        begin = time.monotonic()
-        key, plan_key = jax.random.split(self.state.key)
-        actions, choice, log_prob = ppo.collect(config, self.state.params, plan_key, self._seen)
-        plans = np.asarray(actions)
-        play_begin = time.monotonic()
-        played = self._play(self._which, plans)
-        greedy = self._greedy_reward() if measure_greedy else None
-        play_end = time.monotonic()
-        reward = jnp.asarray(played.reward.reshape(len(config.training_games), -1), jnp.float32)
-        advantage = ppo.scene_advantage(reward, config.std_floor).reshape(-1)
-        batch = ppo.Batch(self._seen, choice, log_prob, advantage)
-        state, metrics = ppo.learn(config, self.state._replace(key=key), batch)
-        self.state = jax.block_until_ready(state)
-        end = time.monotonic()
-        return runs.Round(
-            update=update,
-            episodes=update * config.episodes_per_update,
-            seconds=end - self._start,
-            reward=float(played.reward.mean()),
-            success=float(played.success.mean()),
-            greedy_reward=greedy,
-            **{name: float(value) for name, value in metrics._asdict().items()},
-            faults=int((played.fault != 0).sum()),
-            play_seconds=play_end - play_begin,
-            learn_seconds=(end - begin) - (play_end - play_begin),
-        )
-
-    def _play(self, which: np.ndarray, actions: np.ndarray) -> Episodes:
-        """Play training games with the run's settings."""
-        config = self._config
-        return play(config.training_games, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
-
-    def _greedy_reward(self) -> float:
-        """Mean reward of the greedy plans in the training games."""
-        actions = ppo.greedy(self._config, self.state.params, jnp.asarray(self._table))
-        return float(self._play(np.arange(len(self._table)), np.asarray(actions)).reward.mean())
+            checkpoint.save(folder, config, runner.state)
+            log.close()
+            draw_curve(folder, config)
+    return Outcome(folder, runner.state, finished)
 
 
 def _progress(console: Console) -> Progress:
@@ -136,10 +108,10 @@ def _progress(console: Console) -> Progress:
     )
 
 
-def _status(line: runs.Round) -> str:
+def _status(line: Line, config: TrainConfig) -> str:
     """Rate and reward of a round, for the progress bar."""
-    rate = line.episodes / line.update / (line.play_seconds + line.learn_seconds)
-    return f"{rate:,.0f} episodes/s  reward {line.reward:.1f}"
+    rate = config.episodes_per_update / ((line["play_seconds"] or 0.0) + (line["learn_seconds"] or 0.0))
+    return f"{rate:,.0f} episodes/s  reward {line['reward']:.1f}"
 
 
 @contextmanager

@@ -17,12 +17,17 @@ from iphyre_jax.configuration import usable_cores
 PACKAGES = ("jax", "jaxlib", "numpy", "flax", "optax", "orbax-checkpoint")
 
 
+def versions() -> dict[str, str]:
+    """Versions of Python and of every package that decides a result."""
+    packages = {name: metadata.version(name) for name in PACKAGES}
+    return {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **packages}
+
+
 def provenance() -> dict[str, Any]:
     """Versions, device, processors and commit, as JSON values; it goes into every result."""
     device = jax.devices()[0]
-    versions = {name: metadata.version(name) for name in PACKAGES}
     return {
-        "versions": {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **versions},
+        "versions": versions(),
         "device": f"{device.platform}: {device.device_kind}",
         "machine": f"{platform.system()} {platform.machine()}, {usable_cores()} cores",
         "commit": source_commit(),

@@ -37,9 +37,22 @@ def paper_numbers() -> Mapping[str, Any]:
     return numbers
 
 
+ALGORITHM_NAMES = {"ppo": "PPO", "a2c": "A2C", "sac": "SAC", "ddpg": "DDPG", "dqn": "DQN", "random": "Random"}
+STRATEGY_LETTERS = {"in-advance": "I", "on-the-fly": "O", "combined": "C"}
+
+
+def paper_name(config: TrainConfig) -> str:
+    """How the paper calls the agent: PPO-I, Random."""
+    algorithm = ALGORITHM_NAMES[config.agent]
+    return algorithm if config.agent == "random" else f"{algorithm}-{STRATEGY_LETTERS[config.strategy]}"
+
+
 def agent_name(config: TrainConfig) -> str:
-    """How results name the agent: algorithm, strategy, action head, rate, seed."""
-    return f"PPO in advance, {config.head} head, {config.fps} fps, seed {config.seed}"
+    """How results name the agent: algorithm, strategy, preset, what it sees, action head, rate, seed."""
+    return (
+        f"{ALGORITHM_NAMES[config.agent]} {config.strategy}, {config.preset} preset, {config.observation} observation, "
+        f"{config.head} head, {config.fps} fps, seed {config.seed}"
+    )
 
 
 def training_name(config: TrainConfig) -> str:
@@ -68,7 +81,7 @@ def _cell(reward: float, success: float) -> str:
     return f"{reward:.1f} {success:3.0f}%"
 
 
-def _markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table: names to the left, numbers to the right."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -87,16 +100,16 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
         "agent": agent_name(config),
         "trained on": f"{training_name(config)}, {config.fps} physics steps a second, reset {config.resets}",
         "physics": config.dtype,
-        "actions": f"greedy: one episode a game; sampled: {config.sampled_plans} episodes a game",
+        "actions": f"greedy: one episode a game; sampled: {config.sampled_episodes} episodes a game",
         "unsound worlds": str(evaluation.faults),
         **{name: _fact(value) for name, value in facts.items()},
     }
     by_split = [[row.name, *row.cells] for row in split_rows(evaluation, config)]
     parts = [
         "# Evaluation",
-        _markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),
+        markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),
         "## By split: reward and success",
-        _markdown_table(["", *(TITLES[split] for split in COLUMNS)], by_split),
+        markdown_table(["", *(TITLES[split] for split in COLUMNS)], by_split),
         f"Paper: {paper['source']}. Protocol there: {paper['protocol']}. Ours: {config.fps} fps; rewards at different "
         "rates are not comparable.",
         "## By game",
@@ -131,4 +144,4 @@ def _game_table(evaluation: Evaluation) -> str:
                 *(f"{there[name]:.1f}" if name in there else "-" for name in ("PPO-I", "Human")),
             ]
         )
-    return _markdown_table(header, rows)
+    return markdown_table(header, rows)

@@ -10,24 +10,46 @@ import pytest
 
 from iphyre_jax import SPLITS
 from iphyre_jax.train.config import TrainConfig, config_from_json
+from iphyre_jax.train.settings import DQN, PPO
+
+FLY: dict[str, Any] = {"strategy": "on-the-fly", "head": "categorical"}
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "split": ({"split": "advanced"}, "split: expected one of basic"),
     "games": ({"games": ("hole", "hol")}, "games: expected names of games of the package, got 'hol'"),
     "fps": ({"fps": 25}, "fps: expected a multiple of 10"),
     "no fps": ({"fps": 0}, "fps: expected a positive whole number"),
-    "dtype": ({"dtype": "bfloat16"}, "dtype: expected float32 or float64"),
-    "head": ({"head": "beta"}, "head: expected slots or gaussian"),
+    "dtype": ({"dtype": "bfloat16"}, "dtype: expected one of float32, float64"),
+    "agent": ({"agent": "td3"}, "agent: expected one of ppo, a2c"),
+    "strategy": ({"strategy": "never"}, "strategy: expected one of in-advance"),
+    "agent's strategy": (
+        {"agent": "dqn", "learner": DQN()},
+        "strategy: expected on-the-fly with agent dqn, got 'in-advance'",
+    ),
+    "preset": ({"preset": "best"}, "preset: expected one of default, paper"),
+    "head": ({"head": "beta"}, "head: expected one of slots"),
+    "agent's head": ({"head": "squashed"}, "head: expected slots or gaussian with ppo in-advance, got 'squashed'"),
+    "learner": ({"learner": DQN()}, "learner: expected settings of ppo, got DQN"),
+    "motion": ({"observation": "motion"}, "observation: expected official in advance"),
+    "network": ({"network": "cnn"}, "network: expected one of perceptron, objects"),
+    "dtype on the fly": (FLY | {"dtype": "float64"}, "dtype: expected float32 unless in advance"),
+    "rows": (FLY, "rows: expected a number of decisions unless in advance, got 0"),
+    "variations": ({"variations": -1}, "variations: expected a number not below 0"),
+    "greedy": ({"greedy_every": 0}, "greedy_every: expected at least 1"),
+    "checkpoints": ({"checkpoint_seconds": -1.0}, "checkpoint_seconds: expected a number not below 0"),
     "resets": ({"resets": 0}, "resets: expected at least 1"),
     "updates": ({"updates": 0}, "updates: expected at least 1"),
-    "one plan": ({"plans_per_scene": 1}, "plans_per_scene: expected at least 2"),
+    "one plan": ({"episodes_per_scene": 1}, "episodes_per_scene: expected at least 2"),
     "seed": ({"seed": -1}, "seed: expected from 0"),
     "no layer": ({"hidden": ()}, "hidden: expected at least one positive width"),
     "empty layer": ({"hidden": (32, 0)}, "hidden: expected at least one positive width"),
-    "learning rate": ({"learning_rate": 0.0}, "learning_rate: expected a positive number"),
-    "not a number": ({"clip": float("nan")}, "clip: expected a positive number"),
-    "entropy": ({"entropy": -0.1}, "entropy: expected a number not below 0"),
-    "minibatches": ({"minibatches": 7}, "minibatches: expected a divisor of 1280 plans a round, got 7"),
+    "learning rate": ({"learner": PPO(learning_rate=0.0)}, "learning_rate: expected a positive number"),
+    "not a number": ({"learner": PPO(clip=float("nan"))}, "clip: expected a positive number"),
+    "entropy": ({"learner": PPO(entropy=-0.1)}, "entropy: expected a number not below 0"),
+    "minibatches": (
+        {"learner": PPO(minibatches=7)},
+        "minibatches: expected a divisor of 1280 decisions a round, got 7",
+    ),
 }
 
 
@@ -49,7 +71,8 @@ def test_defaults_are_the_official_setting() -> None:
 
 
 def test_through_json_and_back() -> None:
-    config = TrainConfig(seed=3, head="gaussian", hidden=(8, 9), games=("hole",), learning_rate=1.0, minibatches=2)
+    learner = PPO(learning_rate=1.0, minibatches=2)
+    config = TrainConfig(seed=3, head="gaussian", hidden=(8, 9), games=("hole",), learner=learner)
     assert config_from_json(json.loads(json.dumps(config.to_json())), "run") == config
 
 
@@ -62,7 +85,10 @@ def test_through_json_and_back() -> None:
         ({"seed": True}, "run: seed: expected a value like 0, got True"),
         ({"hidden": [1.5]}, "run: hidden: expected a value like"),
         ({"games": [3]}, "run: games: expected a value like"),
-        ({"clip": None}, "run: clip: expected a value like 0.2, got None"),
+        ({"learner": {"clip": None}}, "run: clip: expected a value like 0.2, got None"),
+        ({"learner": []}, "run: learner: expected an object of settings, got list"),
+        ({"agent": "dqn", "learner": {"clip": 0.1}}, "run: unknown setting 'clip'"),
+        ({"agent": 3}, "run: agent: expected one of ppo"),
         ({"fps": 15}, "run: fps: expected a multiple of 10, got 15"),
     ],
 )

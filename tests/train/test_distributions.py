@@ -11,27 +11,52 @@ import pytest
 
 from iphyre_jax.env import action_to_times
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.train.distributions import SLOTS, ActionHead, GaussianHead, SlotHead, action_head
+from iphyre_jax.train.distributions import (
+    HEADS,
+    SLOTS,
+    CategoricalHead,
+    GaussianHead,
+    HeadName,
+    PointHead,
+    SlotHead,
+    SquashedHead,
+    action_head,
+)
 
-HEADS = (SlotHead(), GaussianHead())
+ALL = jnp.ones(6, bool)
+TWO = jnp.array([True, True, False, False, False, False])
+SAMPLED = ("slots", "gaussian", "squashed", "categorical", "even")
+
+
+def of_slot_0(values: list[float], width: int) -> jax.Array:
+    """(6, width) outputs, those of slot 0 given first."""
+    return jnp.zeros((6, width)).at[0, : len(values)].set(jnp.array(values))
 
 
 def test_slot_head_starts_at_its_prior() -> None:
     head = SlotHead(never=0.25, scale=4.0)
-    choices = jnp.arange(SLOTS)
-    probability = np.exp(head.log_prob(jnp.zeros((SLOTS, SLOTS)), choices))
+    choices = jnp.tile(jnp.arange(SLOTS)[:, None], (1, 6))
+    only = jnp.zeros((SLOTS, 6), bool).at[:, 0].set(True)
+    probability = np.exp(head.log_prob(jnp.zeros((SLOTS, *head.shape)), choices, only))
     weight = np.exp(-np.arange(1, SLOTS) / 10 / 4.0)
     np.testing.assert_allclose(probability[0], 0.25, rtol=1e-5)
     np.testing.assert_allclose(probability[1:], 0.75 * weight / weight.sum(), rtol=1e-4)
 
 
 def test_slot_entropy_by_hand() -> None:
-    """Two slots are left with half the mass each: ln 2."""
+    """Two instants are left with half the mass each, in every slot: ln 2 a slot."""
     head = SlotHead()
-    outputs = jnp.full((1, SLOTS), -60.0) - head._log_prior()[None]
-    outputs = outputs.at[0, 3].add(60.0).at[0, 7].add(60.0)
-    np.testing.assert_allclose(head.entropy(outputs), [math.log(2)], rtol=1e-5)
-    np.testing.assert_allclose(head.log_prob(outputs, jnp.array([7])), [-math.log(2)], rtol=1e-5)
+    outputs = jnp.full(head.shape, -60.0) - head._log_prior()[None]
+    outputs = outputs.at[:, 3].add(60.0).at[:, 7].add(60.0)
+    np.testing.assert_allclose(head.entropy(outputs, ALL), math.log(2), rtol=1e-5)
+    np.testing.assert_allclose(head.log_prob(outputs, jnp.full(6, 7), ALL), -6 * math.log(2), rtol=1e-5)
+
+
+def test_only_slots_with_a_block_count() -> None:
+    head = SlotHead(never=0.25)
+    outputs, never = jnp.zeros(head.shape), jnp.zeros(6, jnp.int32)
+    np.testing.assert_allclose(head.log_prob(outputs, never, TWO), 2 * math.log(0.25), rtol=1e-5)
+    np.testing.assert_allclose(head.entropy(outputs, TWO), head.entropy(outputs, ALL), rtol=1e-5)
 
 
 def test_every_slot_is_its_own_instant() -> None:
@@ -44,35 +69,62 @@ def test_every_slot_is_its_own_instant() -> None:
 
 def test_gaussian_by_hand() -> None:
     head = GaussianHead()
-    outputs = jnp.array([[1.0, math.log(0.5)]])  # mean 1, deviation 0.5
+    outputs = of_slot_0([1.0, math.log(0.5)], 2)  # mean 1, deviation 0.5; the other slots 0 and 1
+    choice, only = jnp.zeros(6).at[0].set(2.0), jnp.zeros(6, bool).at[0].set(True)
     expected = -0.5 * 4.0 - math.log(0.5) - 0.5 * math.log(2 * math.pi)  # two deviations away
-    np.testing.assert_allclose(head.log_prob(outputs, jnp.array([2.0])), [expected], rtol=1e-6)
-    np.testing.assert_allclose(head.entropy(outputs), [0.5 * math.log(2 * math.pi * math.e * 0.25)], rtol=1e-6)
-    np.testing.assert_allclose(head.mode(outputs), [1.0])
+    np.testing.assert_allclose(head.log_prob(outputs, choice, only), expected, rtol=1e-6)
+    np.testing.assert_allclose(head.entropy(outputs, only), 0.5 * math.log(2 * math.pi * math.e * 0.25), rtol=1e-6)
+    np.testing.assert_allclose(head.mode(outputs, ALL), [1, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(head.action(jnp.array([-3.0, -1.0, 0.0, 1.0, 2.0])), [0, 0, 0.5, 1, 1])
 
 
-@pytest.mark.parametrize("head", HEADS, ids=("slots", "gaussian"))
-def test_samples_follow_the_distribution(head: ActionHead) -> None:
+def test_squashed_by_hand() -> None:
+    """At u = 1 the density of tanh u is that of u divided by 1 - tanh^2 1; the box is never left."""
+    head = SquashedHead()
+    outputs, only = of_slot_0([1.0, 0.0], 2), jnp.zeros(6, bool).at[0].set(True)
+    expected = -0.5 * math.log(2 * math.pi) - math.log(1 - math.tanh(1) ** 2)
+    np.testing.assert_allclose(head.log_prob(outputs, jnp.ones(6), only), expected, rtol=1e-5)
+    np.testing.assert_allclose(head.action(jnp.array([-99.0, 0.0, 1.0])), [0, 0.5, (math.tanh(1) + 1) / 2], rtol=1e-6)
+
+
+def test_categorical_starts_at_its_prior() -> None:
+    """Two blocks share what doing nothing leaves; slots without a block are never chosen."""
+    head = CategoricalHead(idle=0.9)
+    outputs = jnp.zeros(7)
+    np.testing.assert_allclose(np.exp(head.log_probabilities(outputs, TWO)), [0.9, 0.05, 0.05, 0, 0, 0, 0], rtol=1e-5)
+    nats = -0.9 * math.log(0.9) - 0.1 * math.log(0.05)
+    np.testing.assert_allclose(head.entropy(outputs, TWO), nats, rtol=1e-5)
+    assert int(head.mode(outputs.at[5].set(50.0), TWO)) == 0
+
+
+@pytest.mark.parametrize("name", SAMPLED)
+def test_samples_follow_the_distribution(name: HeadName) -> None:
     """The mean of -log p over samples is the entropy, and samples act in the box."""
-    outputs = jax.random.normal(jax.random.key(0), (6, head.outputs)) * 0.5
-    many = jnp.broadcast_to(outputs[None], (20_000, 6, head.outputs))
-    choice = head.sample(jax.random.key(1), many)
-    np.testing.assert_allclose(-head.log_prob(many, choice).mean(axis=0), head.entropy(outputs), rtol=0.03)
+    head = action_head(name)
+    outputs = jax.random.normal(jax.random.key(0), head.shape) * 0.5
+    many, mask = jnp.broadcast_to(outputs[None], (20_000, *head.shape)), jnp.broadcast_to(TWO, (20_000, 6))
+    choice = head.sample(jax.random.key(1), many, mask)
+    nats = -head.log_prob(many, choice, mask).mean()
+    if name != "squashed":  # it has no formula
+        slots = 2 if len(head.shape) == 2 else 1
+        np.testing.assert_allclose(nats, slots * head.entropy(outputs, TWO), rtol=0.03)
     action = head.action(choice)
-    assert action.dtype == jnp.float32
     assert float(action.min()) >= 0
-    assert float(action.max()) <= 1
+    assert float(action.max()) <= (1 if len(head.shape) == 2 else 2)
 
 
-@pytest.mark.parametrize("head", HEADS, ids=("slots", "gaussian"))
-def test_the_mode_is_the_most_probable_choice(head: ActionHead) -> None:
-    outputs = jax.random.normal(jax.random.key(3), (6, head.outputs))
-    mode = head.mode(outputs)
-    for key in jax.random.split(jax.random.key(4), 50):
-        assert bool((head.log_prob(outputs, mode) >= head.log_prob(outputs, head.sample(key, outputs))).all())
+@pytest.mark.parametrize("name", SAMPLED)
+def test_the_mode_is_the_most_probable_choice(name: HeadName) -> None:
+    head = action_head(name)
+    outputs = jax.random.normal(jax.random.key(3), (50, *head.shape))
+    mask = jnp.broadcast_to(TWO, (50, 6))
+    normal = GaussianHead() if name == "squashed" else head  # the mode of u; tanh moves that of the density
+    mode, other = head.mode(outputs, mask), head.sample(jax.random.key(4), outputs, mask)
+    assert bool((normal.log_prob(outputs, mode, mask) >= normal.log_prob(outputs, other, mask)).all())
 
 
 def test_heads_by_name() -> None:
     assert isinstance(action_head("slots"), SlotHead)
-    assert isinstance(action_head("gaussian"), GaussianHead)
+    assert isinstance(HEADS["point"], PointHead)
+    with pytest.raises(ValueError, match="head: expected one to sample from, got 'point'"):
+        action_head("point")

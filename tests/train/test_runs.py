@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -14,14 +12,22 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from iphyre_jax import cli
-from iphyre_jax.env import Episodes
-from iphyre_jax.train import checkpoint, loop, ppo, report, runs
+from iphyre_jax import cli, train_commands
+from iphyre_jax.train import checkpoint, collect, compare, logs, loop, report, runs, trainer
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.evaluate import Evaluation, GameScore, Score, evaluate
+from iphyre_jax.train.settings import PPO
 
 GAMES = ("support", "hole")
-TINY = TrainConfig(games=GAMES, hidden=(32,), updates=3, plans_per_scene=8, minibatches=2, sampled_plans=2)
+TINY = TrainConfig(
+    games=GAMES,
+    hidden=(32,),
+    updates=3,
+    episodes_per_scene=8,
+    sampled_episodes=2,
+    checkpoint_seconds=0.0,
+    learner=PPO(minibatches=2),
+)
 QUIET = Console(quiet=True)
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -38,30 +44,36 @@ def assert_same_tree(a: object, b: object) -> None:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> loop.Outcome:
     outcome = loop.train(TINY, tmp_path_factory.mktemp("runs") / "finished", QUIET)
-    evaluation = evaluate(TINY, outcome.state.params, GAMES)
+    evaluation = evaluate(TINY, outcome.state.learner, GAMES)
     runs.write_evaluation(outcome.folder, TINY, evaluation, int(outcome.state.update))
     return outcome
 
 
-def rows_of(folder: Path) -> list[dict[str, str]]:
-    with (folder / "metrics.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
+def without_clock(folder: Path) -> list[dict[str, str]]:
+    return [{k: v for k, v in line.items() if k not in trainer.CLOCKS} for line in logs.read(folder)]
+
+
+def copy_of(finished: loop.Outcome, folder: Path) -> Path:
+    return Path(shutil.copytree(finished.folder, folder))
 
 
 def test_a_run_leaves_its_folder(finished: loop.Outcome) -> None:
     assert finished.finished
     names = {entry.name for entry in finished.folder.iterdir()}
-    assert names == {"config.json", "metrics.csv", "curve.png", "checkpoint", "evaluation.json", "evaluation.md"}
+    assert names == {"config.json", "metrics.csv", "curve.png", "checkpoints", "evaluation.json", "evaluation.md"}
     assert (finished.folder / "curve.png").read_bytes().startswith(PNG)
+    assert checkpoint.names(finished.folder) == ["000002", "000003"]
+    assert sorted(entry.name for entry in (finished.folder / checkpoint.FOLDER).iterdir()) == ["000002", "000003"]
 
 
 def test_metrics_of_every_round(finished: loop.Outcome) -> None:
-    rows = rows_of(finished.folder)
-    assert [int(row["update"]) for row in rows] == [1, 2, 3]
-    assert [int(row["episodes"]) for row in rows] == [16, 32, 48]
-    assert all(-75 <= float(row["reward"]) <= 1000 for row in rows)
-    assert [bool(row["greedy_reward"]) for row in rows] == [True, False, True]  # first and last round
-    assert all(int(row["faults"]) == 0 for row in rows)
+    lines = logs.read(finished.folder)
+    assert [int(line["update"]) for line in lines] == [1, 2, 3]
+    assert [int(line["episodes"]) for line in lines] == [16, 32, 48]
+    assert [int(line["decisions"]) for line in lines] == [16, 32, 48]
+    assert all(-75 <= float(line["reward"]) <= 1000 for line in lines)
+    assert [bool(line["greedy_reward"]) for line in lines] == [True, False, True]  # first and last round
+    assert all(int(line["faults"]) == 0 for line in lines)
 
 
 def test_results_carry_their_origin(finished: loop.Outcome) -> None:
@@ -70,7 +82,8 @@ def test_results_carry_their_origin(finished: loop.Outcome) -> None:
         assert content["settings"]["seed"] == TINY.seed
         assert content["settings"]["fps"] == 10
         assert content["settings"]["dtype"] == "float32"
-        assert content["agent"] == "PPO in advance, slots head, 10 fps, seed 0"
+        assert content["agent"].startswith("PPO in-advance, default preset")
+        assert content["agent"].endswith("slots head, 10 fps, seed 0")
         assert content["versions"]["jax"] == jax.__version__
         assert content["device"].startswith("cpu")
         assert "commit" in content
@@ -95,37 +108,39 @@ def test_a_run_is_read_again(finished: loop.Outcome) -> None:
     config, state = runs.load(finished.folder)
     assert config == TINY
     assert_same_tree(state, finished.state)
-    again = evaluate(config, state.params, GAMES)
-    assert again == evaluate(TINY, finished.state.params, GAMES)
+    assert evaluate(config, state.learner, GAMES) == evaluate(TINY, finished.state.learner, GAMES)
 
 
-def test_the_same_seed_gives_the_same_run(finished: loop.Outcome, tmp_path: Path) -> None:
-    again = loop.train(TINY, tmp_path / "again", QUIET)
-    assert_same_tree(again.state, finished.state)
-    clock = ("seconds", "play_seconds", "learn_seconds")
-    for one, other in zip(rows_of(again.folder), rows_of(finished.folder), strict=True):
-        assert {k: v for k, v in one.items() if k not in clock} == {k: v for k, v in other.items() if k not in clock}
+def test_an_interrupted_run_goes_on_to_the_same_bits(
+    finished: loop.Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Interrupted while the second round is played, then resumed; a line cut short by a kill is written again."""
+    real, calls = collect.play, iter(range(100))
 
-
-@pytest.mark.parametrize("rounds", [0, 1, 2])
-def test_ctrl_c_leaves_a_usable_folder(rounds: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Interrupted while a round is being played, after 0, 1 or 2 whole rounds."""
-    real, calls = loop.play, iter(range(100))
-    last_call = rounds + 1 if rounds else 0  # the first round plays twice: its plans, and the greedy ones
-
-    def interrupted(*arguments: Any, **options: Any) -> Episodes:
-        if next(calls) == last_call:
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        if next(calls) == 2:  # the first round plays twice: its plans, and the greedy ones
             raise KeyboardInterrupt
         return real(*arguments, **options)
 
-    monkeypatch.setattr(loop, "play", interrupted)
     folder = tmp_path / "run"
-    assert not loop.train(TINY, folder, QUIET).finished
-    config, state = runs.load(folder)
-    assert int(state.update) == rounds
-    assert len(rows_of(folder)) == rounds
+    with monkeypatch.context() as patched:
+        patched.setattr(collect, "play", interrupted)
+        outcome = loop.train(TINY, folder, QUIET)
+    assert (outcome.finished, int(outcome.state.update), len(logs.read(folder))) == (False, 1, 1)
     assert (folder / "curve.png").read_bytes().startswith(PNG)
-    assert [game.game for game in evaluate(config, state.params, GAMES).games] == list(GAMES)
+    with (folder / logs.FILE).open("a") as file:
+        file.write("2,32,3")
+    resumed = loop.resume(folder, QUIET)
+    assert resumed.finished
+    assert_same_tree(resumed.state, finished.state)
+    assert without_clock(folder) == without_clock(finished.folder)
+
+
+def test_a_run_without_a_checkpoint_begins_again(finished: loop.Outcome, tmp_path: Path) -> None:
+    folder = copy_of(finished, tmp_path / "run")
+    shutil.rmtree(folder / checkpoint.FOLDER)
+    assert_same_tree(loop.resume(folder, QUIET).state, finished.state)
+    assert without_clock(folder) == without_clock(finished.folder)
 
 
 def test_a_folder_in_use_is_refused(finished: loop.Outcome, capsys: pytest.CaptureFixture[str]) -> None:
@@ -138,38 +153,107 @@ def test_a_folder_in_use_is_refused(finished: loop.Outcome, capsys: pytest.Captu
 
 
 def test_damaged_folders_get_one_line(finished: loop.Outcome, tmp_path: Path) -> None:
-    def copy(name: str) -> Path:
-        return Path(shutil.copytree(finished.folder, tmp_path / name))
-
     cases = {
-        tmp_path / "missing": "there is no config.json",
-        copy("not_json"): "config.json: not JSON",
-        copy("other_schema"): "config.json: schema: expected",
-        copy("other_version"): "config.json: version: expected 1, got 2",
-        copy("bad_setting"): "config.json: fps: expected a multiple of 10",
-        copy("no_checkpoint"): "there is no checkpoint",
-        copy("empty_checkpoint"): "the checkpoint cannot be read",
-        copy("other_settings"): "the checkpoint cannot be read",
+        "missing": "there is no config.json",
+        "not_json": "config.json: not JSON",
+        "other_schema": "config.json: schema: expected",
+        "other_version": "config.json: version: expected 2, got 1",
+        "bad_setting": "config.json: fps: expected a multiple of 10",
+        "no_checkpoint": "there is no checkpoint",
+        "other_settings": "it belongs to other settings",
     }
     content = json.loads((finished.folder / "config.json").read_text())
     settings = content["settings"]
-    (tmp_path / "not_json" / "config.json").write_text("{")
-    for name, change in {
+    changes: dict[str, dict[str, Any]] = {
         "other_schema": {"schema": "something else"},
-        "other_version": {"version": 2},
+        "other_version": {"version": 1},
         "bad_setting": {"settings": {**settings, "fps": 15}},
         "other_settings": {"settings": {**settings, "hidden": [31]}},
-    }.items():
-        (tmp_path / name / "config.json").write_text(json.dumps({**content, **change}))
-    shutil.rmtree(tmp_path / "no_checkpoint" / checkpoint.FOLDER)
-    for entry in (tmp_path / "empty_checkpoint" / checkpoint.FOLDER).iterdir():
-        shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-    for path, message in cases.items():
+    }
+    for name, message in cases.items():
+        if name != "missing":
+            copy_of(finished, tmp_path / name)
+        if name in changes:
+            (tmp_path / name / "config.json").write_text(json.dumps({**content, **changes[name]}))
+        if name == "not_json":
+            (tmp_path / name / "config.json").write_text("{")
+        if name == "no_checkpoint":
+            shutil.rmtree(tmp_path / name / checkpoint.FOLDER)
         with pytest.raises((ValueError, FileNotFoundError)) as caught:
-            runs.load(path)
+            runs.load(tmp_path / name)
         assert message in str(caught.value)
-        assert str(path) in str(caught.value)
+        assert str(tmp_path / name) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def largest(folder: Path) -> Path:
+    files = [file for file in (folder / "state").rglob("*") if file.is_file()]
+    return max(files, key=lambda file: file.stat().st_size)
+
+
+DAMAGE = {
+    "bit flip": (lambda c: flip(largest(c)), "does not have the SHA-256 sum of the manifest"),
+    "manifest": (lambda c: flip(c / "manifest.json"), "manifest.json does not have the SHA-256 sum"),
+    "sum": (lambda c: flip(c / "manifest.sha256"), "manifest.json does not have the SHA-256 sum"),
+    "truncation": (lambda c: largest(c).write_bytes(largest(c).read_bytes()[:-1]), "bytes, not"),
+    "missing": (lambda c: largest(c).unlink(), "is missing"),
+    "stranger": (lambda c: (c / "state" / "more").write_text("x"), "state/more was not written with it"),
+    "renamed": (lambda c: c.rename(c.with_name("000009")), "expected the checkpoint of 9 rounds, got that of 3"),
+}
+
+
+def flip(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+@pytest.mark.parametrize("case", DAMAGE)
+def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
+    case: str, finished: loop.Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_of(finished, tmp_path / "run")
+    damage, message = DAMAGE[case]
+    damage(folder / checkpoint.FOLDER / "000003")
+    for command in ("resume", "evaluate"):
+        assert cli.run([command, str(folder)]) == 2
+        said = capsys.readouterr().err
+        assert message in said
+        assert said.endswith("the last good one is 000002: --checkpoint 000002\n")
+        assert said.count("\n") == 1
+    assert_same_tree(loop.resume(folder, QUIET, "000002").state, finished.state)
+    assert without_clock(folder) == without_clock(finished.folder)
+
+
+def test_other_versions_are_evaluated_but_not_resumed(finished: loop.Outcome, tmp_path: Path) -> None:
+    folder = copy_of(finished, tmp_path / "run")
+    for name in checkpoint.names(folder):
+        path = folder / checkpoint.FOLDER / name / checkpoint.MANIFEST
+        content = json.loads(path.read_text())
+        content["versions"]["jax"] = "0.1.0"
+        path.write_text(json.dumps(content))
+        path.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(path)}\n")
+    assert runs.load(folder)[0] == TINY
+    with pytest.raises(ValueError, match=r"written with jax 0\.1\.0, here is jax .*: it can be evaluated, not resumed"):
+        loop.resume(folder, QUIET)
+
+
+def test_runs_are_compared(finished: loop.Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    second = copy_of(finished, tmp_path / "second")
+    content = json.loads((second / "config.json").read_text())
+    content["settings"]["seed"] = 1
+    (second / "config.json").write_text(json.dumps(content))
+    pictures = [tmp_path / "curves.png", tmp_path / "bars.png"]
+    command = ["compare", str(finished.folder), str(second), "--curves", str(pictures[0]), "--bars", str(pictures[1])]
+    assert cli.run(command) == 0
+    assert "PPO-I default" in capsys.readouterr().out
+    assert all(picture.read_bytes().startswith(PNG) for picture in pictures)
+    assert cli.run(["compare", str(finished.folder), str(finished.folder)]) == 2
+    assert "expected different seeds" in capsys.readouterr().err
+    found = compare.rows([compare.read(finished.folder), compare.read(second)])
+    assert [len(row.seeds) for row in found] == [2]
+    (row,) = found
+    assert row.summary("greedy", "noisy") is None
 
 
 def test_means_and_table_by_hand() -> None:
@@ -207,27 +291,17 @@ def test_paper_numbers_agree_with_their_table() -> None:
         assert abs(np.mean(rewards) - by_split["all"][0]) < 0.0051
 
 
-def test_command_line_trains_and_evaluates(
+def test_command_line_trains_resumes_and_evaluates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from iphyre_jax import commands
-
-    monkeypatch.setattr(commands, "GAMES", GAMES)  # the forty are for `make run`
+    monkeypatch.setattr(train_commands, "GAMES", GAMES)  # the forty are for `make run`
     folder = tmp_path / "run"
-    small = ["--games", *GAMES, "--updates", "2", "--plans-per-scene", "8", "--hidden", "16", "--sampled-plans", "2"]
-    assert cli.run(["train", "--out", str(folder), *small]) == 0
+    small = ["--games", *GAMES, "--updates", "2", "--episodes-per-scene", "8", "--hidden", "16"]
+    chosen = ["--agent", "a2c", "--strategy", "in-advance", "--minibatches", "2", "--sampled-episodes", "2"]
+    assert cli.run(["train", *chosen, "--out", str(folder), *small]) == 0
     first = json.loads((folder / "evaluation.json").read_text())
     assert first["rounds trained"] == "2 of 2, 32 episodes"
-    assert cli.run(["evaluate", str(folder)]) == 0
-    assert json.loads((folder / "evaluation.json").read_text())["games"] == first["games"]
+    for command in ("evaluate", "resume"):
+        assert cli.run([command, str(folder)]) == 0
+        assert json.loads((folder / "evaluation.json").read_text())["games"] == first["games"]
     assert "paper: PPO-I" in capsys.readouterr().out
-
-
-def test_learning_pays_on_two_games(tmp_path: Path) -> None:
-    """A short real run: greedy plans end far above random ones."""
-    config = dataclasses.replace(TINY, updates=25, plans_per_scene=64, learning_rate=3e-3)
-    outcome = loop.train(config, tmp_path / "run", QUIET)
-    rows = rows_of(outcome.folder)
-    assert float(rows[0]["reward"]) < 600
-    assert float(rows[-1]["greedy_reward"]) > 930
-    assert isinstance(outcome.state, ppo.TrainState)

@@ -1,0 +1,90 @@
+"""Probe environments: rewards that are plain functions of what was chosen, with known best answers, no physics."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.env import observation_table
+from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE
+from iphyre_jax.train.algorithms import algorithm, init
+from iphyre_jax.train.collect import Trajectory
+from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.settings import OffPolicy
+
+
+class Probe(NamedTuple):
+    """What stands in for the games.
+
+    `reward(scene, k, action)` gives the points of decision k of B episodes, (B,), whose actions are (B, 6) or (B,).
+    """
+
+    games: tuple[str, ...]
+    length: int  # decisions of an episode
+    reward: Callable[[np.ndarray, int, np.ndarray], np.ndarray]
+
+
+def fitted(config: TrainConfig, probe: Probe) -> TrainConfig:
+    """The configuration for a probe's games; a buffer keeps every decision of a round."""
+    config, learner = dataclasses.replace(config, games=probe.games), config.learner
+    if isinstance(learner, OffPolicy):
+        learner = dataclasses.replace(learner, rows=probe.length * config.episodes_per_update)
+    return dataclasses.replace(config, learner=learner)
+
+
+def observations(config: TrainConfig, probe: Probe) -> np.ndarray:
+    """(length + 1, games, D): the real start of each game; with motion, the share of the episode gone by."""
+    table = observation_table(probe.games)
+    if config.strategy == "on-the-fly":
+        table = np.concatenate([table[:, :ROWS_SIZE], np.zeros((len(table), 2)), table[:, ROWS_SIZE:]], axis=1)
+    seen = np.repeat(table[None], probe.length + 1, axis=0)
+    if config.observation == "motion":
+        motion = np.zeros((*seen.shape[:2], MOTION_SIZE))
+        motion[..., -1] = np.linspace(0, 1, probe.length + 1)[:, None]
+        seen = np.concatenate([seen, motion], axis=-1)
+    return seen.astype(np.float32)
+
+
+def play(config: TrainConfig, state: Any, key: jax.Array, probe: Probe) -> Trajectory:
+    """A round of episodes."""
+    which = np.repeat(np.arange(len(probe.games)), config.episodes_per_scene)
+    seen = jnp.asarray(observations(config, probe)[:, which])
+    act = partial(algorithm(config).act, config, state)
+    decisions = [act(jax.random.fold_in(key, k), seen[k]) for k in range(probe.length)]
+    reward = [probe.reward(which, k, np.asarray(decision.action)) for k, decision in enumerate(decisions)]
+    done = np.zeros((probe.length, len(which)), bool)
+    done[-1] = True
+    return Trajectory(
+        observation=seen,
+        choice=jnp.stack([decision.choice for decision in decisions]),
+        log_prob=jnp.stack([decision.log_prob for decision in decisions]),
+        value=jnp.stack([decision.value for decision in decisions]),
+        reward=jnp.asarray(np.stack(reward), jnp.float32),
+        done=jnp.asarray(done),
+        active=jnp.ones_like(jnp.asarray(done)),
+    )
+
+
+def learned(config: TrainConfig, probe: Probe) -> Any:
+    """The state after all rounds."""
+    config = fitted(config, probe)
+    key, start = jax.random.split(jax.random.key(config.seed))
+    state = init(config, start)
+    for update in range(config.updates):
+        play_key, learn_key = jax.random.split(jax.random.fold_in(key, update))
+        trajectory = play(config, state, play_key, probe)
+        state, _ = algorithm(config).learn(config, state, learn_key, trajectory, len(probe.games))
+    return state
+
+
+def best(config: TrainConfig, probe: Probe, state: Any) -> np.ndarray:
+    """(length, games, ...) greedy actions; seconds where they are times."""
+    seen = jnp.asarray(observations(config, probe))
+    actions = np.stack([np.asarray(algorithm(config).greedy(config, state, seen[k])) for k in range(probe.length)])
+    return 15 * actions if actions.ndim == 3 else actions

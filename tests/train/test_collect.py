@@ -1,0 +1,99 @@
+"""Episodes as learners see them: the ways to play agree with one another and with plans played on the host."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from iphyre_jax import simulate_many
+from iphyre_jax.env import play
+from iphyre_jax.train.collect import Decision, Plans, Worlds, collector
+from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.presets import preset
+from iphyre_jax.train.scenes import training_scenes, variations
+
+GAMES = ("hinder", "hole")  # of one topology
+EPISODES = 8
+
+
+def decided(action: jax.Array) -> Decision:
+    nothing = jnp.zeros(action.shape[0])
+    return Decision(action, action, nothing, nothing)
+
+
+@pytest.fixture(scope="module")
+def plans() -> np.ndarray:
+    """(16, 6) instants, all different within a plan, so that none is lost."""
+    rng = np.random.default_rng(3)
+    return np.stack([rng.permutation(np.arange(1, 60))[:6] for _ in range(len(GAMES) * EPISODES)])
+
+
+@pytest.fixture(scope="module")
+def planned(plans: np.ndarray) -> np.ndarray:
+    """Rewards of the plans on the host."""
+    which = np.repeat(np.arange(len(GAMES)), EPISODES)
+    return play(GAMES, which, (plans / 150).astype(np.float32)).reward
+
+
+def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> None:
+    place = collector(TrainConfig(games=GAMES), GAMES)
+    assert isinstance(place, Plans)
+    actions = jnp.asarray(plans / 150, jnp.float32)
+    trajectory, played = place.collect(lambda _, __: decided(actions), jax.random.key(0), EPISODES)
+    np.testing.assert_array_equal(played.reward, planned)
+    np.testing.assert_allclose(trajectory.reward[0], planned, rtol=1e-6)
+    assert trajectory.observation.shape == (2, 16, 120)
+    assert bool(trajectory.done.all())
+
+
+def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray, planned: np.ndarray) -> None:
+    """The strategy plans anew after each removal; planning the same again, it plays what the host plays."""
+    place = collector(preset("ppo", "combined"), GAMES)
+    assert isinstance(place, Worlds)
+    actions = jnp.asarray(plans / 150, jnp.float32)
+    trajectory, played = place.collect(lambda _, __: decided(actions), jax.random.key(0), EPISODES)
+    np.testing.assert_allclose(played.reward, planned, atol=1e-6)
+    total = np.where(trajectory.active, trajectory.reward, 0).sum(axis=0)
+    np.testing.assert_allclose(total, planned, rtol=1e-5)
+    stretches = np.asarray(trajectory.active).sum(axis=0)
+    assert ((stretches >= played.eliminations) & (stretches <= played.eliminations + 1)).all()
+    assert (np.asarray(trajectory.done).sum(axis=0) == 1).all()
+
+
+def test_on_the_fly_removals_are_a_plan(plans: np.ndarray) -> None:
+    """Each block is removed at its frame, the first one too; the host plays the same removals as a plan."""
+    frames = plans - 1
+    place = collector(preset("ppo", "on-the-fly"), GAMES)
+    count = iter(range(1000))
+
+    def act(key: jax.Array, observation: jax.Array) -> Decision:
+        due = frames == next(count)
+        return decided(jnp.asarray(np.where(due.any(axis=1), due.argmax(axis=1) + 1, 0), jnp.int32))
+
+    trajectory, played = place.collect(act, jax.random.key(0), EPISODES)
+    which = np.repeat(np.arange(len(GAMES)), EPISODES)
+    blocks = np.array([2, 4])[which]
+    steps = np.where(np.arange(6) < blocks[:, None], frames, -1)
+    host = simulate_many(GAMES, which, steps, fps=10, resets=2)
+    np.testing.assert_allclose(played.reward, host.reward, atol=1e-9)
+    np.testing.assert_array_equal(played.eliminations, host.eliminations)
+    active = np.asarray(trajectory.active)
+    np.testing.assert_array_equal(active.sum(axis=0), host.steps)
+    np.testing.assert_allclose(np.where(active, trajectory.reward, 0).sum(axis=0), host.reward, rtol=1e-4)
+    assert trajectory.observation.shape == (151, 16, 159)
+
+
+def test_variations_take_the_place_of_games_by_seed_and_round() -> None:
+    config = TrainConfig(games=("support",), variations=6, episodes_per_scene=128, seed=2)
+    scenes, episodes = training_scenes(config, 5)
+    assert (len(scenes), episodes) == (4, 32)
+    assert scenes[0] == "support"
+    again, _ = training_scenes(config, 5)
+    other, _ = training_scenes(config, 6)
+    assert list(scenes) == list(again)
+    assert list(scenes) != list(other)
+    assert training_scenes(TrainConfig(games=GAMES), 1) == (GAMES, 128)
+    with pytest.raises(ValueError, match="variations: expected some valid ones of support, got none of 0"):
+        variations("support", 0, 0)
