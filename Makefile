@@ -8,7 +8,7 @@ ADAPTERS_VENV := build/adapters-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-official test-adapters wheel bench clean
+.PHONY: help venv run test lint parity parity-official test-adapters test-kill test-damage test-learners wheel bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -31,6 +31,15 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
+
+test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
+	$(PY) tests/robustness/kill.py
+
+test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
+	$(PY) tests/robustness/damage.py
+
+test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
+	$(PY) tests/robustness/beats_random.py
 
 lint: .venv/.stamp ## ruff and mypy only
 	$(PY) -m ruff check .

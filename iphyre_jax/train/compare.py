@@ -96,11 +96,11 @@ def rows(found: Sequence[Evaluated]) -> list[Row]:
 
 
 def _text(found: Summary | None, success: Summary | None) -> str:
-    """Mean, interval, interquartile mean and success in one cell."""
+    """Mean and success, interval, interquartile mean in one cell."""
     if found is None or success is None:
         return "-"
-    spread = "" if np.isnan(found.low) else f" [{found.low:.1f}, {found.high:.1f}]"
-    return f"{found.mean:.1f}{spread}, iqm {found.iqm:.1f}, {100 * success.mean:.0f}%"
+    spread = "" if np.isnan(found.low) else f" [{found.low:.0f}, {found.high:.0f}]"
+    return f"{found.mean:.1f} {100 * success.mean:.0f}%{spread} iqm {found.iqm:.0f}"
 
 
 def table(found: Sequence[Row], kind: str) -> list[list[str]]:
@@ -112,7 +112,7 @@ def table(found: Sequence[Row], kind: str) -> list[list[str]]:
     names = dict.fromkeys(["Human", "Oracle", *(paper_name(row.config) for row in found)])
     for name in names:
         if name in (agents := paper_numbers()["agents"]):
-            each = [f"{agents[name][split][0]:.1f}, {agents[name][split][1]:.0f}%" for split in COLUMNS]
+            each = [f"{agents[name][split][0]:.1f} {agents[name][split][1]:.0f}%" for split in COLUMNS]
             cells.append([f"paper: {name}", "-", *each])
     return cells
 
@@ -136,11 +136,11 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
     for kind in KINDS:
         shown = Table(title=f"{kind.capitalize()} actions, {found[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
         for title in HEADER:
-            shown.add_column(title)
+            shown.add_column(title, min_width=5 if title == "seeds" else 9)
         for cells in table(found, kind):
             shown.add_row(*cells)
         console.print(shown)
-    console.print("Mean over seeds [95 % bootstrap interval], interquartile mean, share solved.")
+    console.print("Mean over seeds and share solved, [95 % bootstrap interval], interquartile mean.")
     if curves is not None:
         draw_curves(curves, found)
     if bars is not None:

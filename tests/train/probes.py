@@ -22,12 +22,14 @@ from iphyre_jax.train.settings import OffPolicy
 class Probe(NamedTuple):
     """What stands in for the games.
 
-    `reward(scene, k, action)` gives the points of decision k of B episodes, (B,), whose actions are (B, 6) or (B,).
+    `reward(scene, k, action, good)` gives the points of decision k of B episodes, (B,), whose actions are (B, 6) or
+    (B,). `good`, (B,) bool, is a memory that `judge(k, action, good)` changes before; with motion it is seen.
     """
 
     games: tuple[str, ...]
     length: int  # decisions of an episode
-    reward: Callable[[np.ndarray, int, np.ndarray], np.ndarray]
+    reward: Callable[[np.ndarray, int, np.ndarray, np.ndarray], np.ndarray]
+    judge: Callable[[int, np.ndarray, np.ndarray], np.ndarray] = lambda k, action, good: good
 
 
 def fitted(config: TrainConfig, probe: Probe) -> TrainConfig:
@@ -39,14 +41,16 @@ def fitted(config: TrainConfig, probe: Probe) -> TrainConfig:
 
 
 def observations(config: TrainConfig, probe: Probe) -> np.ndarray:
-    """(length + 1, games, D): the real start of each game; with motion, the share of the episode gone by."""
+    """(length + 1, games, D): the real start of each game; with motion, which decision it is and that all is good."""
     table = observation_table(probe.games)
     if config.strategy == "on-the-fly":
         table = np.concatenate([table[:, :ROWS_SIZE], np.zeros((len(table), 2)), table[:, ROWS_SIZE:]], axis=1)
     seen = np.repeat(table[None], probe.length + 1, axis=0)
     if config.observation == "motion":
         motion = np.zeros((*seen.shape[:2], MOTION_SIZE))
-        motion[..., -1] = np.linspace(0, 1, probe.length + 1)[:, None]
+        motion[..., 0] = 1.0
+        for k in range(probe.length):
+            motion[k, :, 1 + k] = 2.0
         seen = np.concatenate([seen, motion], axis=-1)
     return seen.astype(np.float32)
 
@@ -54,14 +58,20 @@ def observations(config: TrainConfig, probe: Probe) -> np.ndarray:
 def play(config: TrainConfig, state: Any, key: jax.Array, probe: Probe) -> Trajectory:
     """A round of episodes."""
     which = np.repeat(np.arange(len(probe.games)), config.episodes_per_scene)
-    seen = jnp.asarray(observations(config, probe)[:, which])
+    seen, good = observations(config, probe)[:, which], np.ones(len(which), bool)
     act = partial(algorithm(config).act, config, state)
-    decisions = [act(jax.random.fold_in(key, k), seen[k]) for k in range(probe.length)]
-    reward = [probe.reward(which, k, np.asarray(decision.action)) for k, decision in enumerate(decisions)]
+    decisions, reward = [], []
+    for k in range(probe.length):
+        decisions.append(act(jax.random.fold_in(key, k), jnp.asarray(seen[k])))
+        action = np.asarray(decisions[-1].action)
+        good = probe.judge(k, action, good)
+        reward.append(probe.reward(which, k, action, good))
+        if config.observation == "motion":
+            seen[k + 1, :, -MOTION_SIZE] = good
     done = np.zeros((probe.length, len(which)), bool)
     done[-1] = True
     return Trajectory(
-        observation=seen,
+        observation=jnp.asarray(seen),
         choice=jnp.stack([decision.choice for decision in decisions]),
         log_prob=jnp.stack([decision.log_prob for decision in decisions]),
         value=jnp.stack([decision.value for decision in decisions]),

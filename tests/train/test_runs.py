@@ -246,7 +246,7 @@ def test_runs_are_compared(finished: loop.Outcome, tmp_path: Path, capsys: pytes
     pictures = [tmp_path / "curves.png", tmp_path / "bars.png"]
     command = ["compare", str(finished.folder), str(second), "--curves", str(pictures[0]), "--bars", str(pictures[1])]
     assert cli.run(command) == 0
-    assert "PPO-I default" in capsys.readouterr().out
+    assert "PPO-I" in capsys.readouterr().out
     assert all(picture.read_bytes().startswith(PNG) for picture in pictures)
     assert cli.run(["compare", str(finished.folder), str(finished.folder)]) == 2
     assert "expected different seeds" in capsys.readouterr().err

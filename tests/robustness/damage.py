@@ -1,0 +1,91 @@
+"""`make test-damage`: 200 checkpoints, each damaged in its own way; every one must be refused in one line. A minute."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+
+from iphyre_jax.train import checkpoint, loop, runs
+from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.settings import PPO
+
+TIMES = 200
+CONFIG = TrainConfig(
+    games=("support", "hole"),
+    hidden=(16,),
+    updates=2,
+    episodes_per_scene=8,
+    checkpoint_seconds=0.0,
+    learner=PPO(minibatches=2),
+)
+
+
+def flip(file: Path, rng: random.Random) -> str:
+    """One bit anywhere."""
+    content = bytearray(file.read_bytes())
+    place, bit = rng.randrange(len(content)), rng.randrange(8)
+    content[place] ^= 1 << bit
+    file.write_bytes(content)
+    return f"bit {bit} of byte {place} of {file.name}"
+
+
+def truncate(file: Path, rng: random.Random) -> str:
+    """The end is missing, or everything."""
+    length = rng.randrange(file.stat().st_size)
+    file.write_bytes(file.read_bytes()[:length])
+    return f"{file.name} cut to {length} bytes"
+
+
+def remove(file: Path, rng: random.Random) -> str:
+    """The file is missing."""
+    del rng
+    file.unlink()
+    return f"{file.name} removed"
+
+
+def other_version(file: Path, rng: random.Random) -> str:
+    """The manifest of another format, with a sum that fits."""
+    manifest = next(folder for folder in file.parents if (folder / checkpoint.MANIFEST).is_file()) / checkpoint.MANIFEST
+    content = json.loads(manifest.read_text())
+    content["format"] = rng.choice([0, 2, 3, "1", None])
+    manifest.write_text(json.dumps(content))
+    manifest.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(manifest)}\n")
+    return f"format {content['format']!r}"
+
+
+KINDS: tuple[Callable[[Path, random.Random], str], ...] = (flip, flip, truncate, remove, other_version)
+
+
+def main() -> int:
+    """Damage, load, count; 0 if every damaged checkpoint was refused in one line that offers the good one."""
+    root = Path("build/test-damage")
+    shutil.rmtree(root, ignore_errors=True)
+    loop.train(CONFIG, root / "good", Console(quiet=True))
+    rng, refused = random.Random(0), 0
+    for k in range(TIMES):
+        folder = root / "damaged"
+        shutil.copytree(root / "good", folder)
+        newest = folder / checkpoint.FOLDER / "000002"
+        files = sorted(file for file in newest.rglob("*") if file.is_file() and file.stat().st_size)
+        said = KINDS[k % len(KINDS)](rng.choice(files), rng)
+        try:
+            runs.load(folder)
+            print(f"{said}: LOADED")
+        except ValueError as error:
+            fine = "\n" not in str(error) and str(newest) in str(error) and "--checkpoint 000001" in str(error)
+            refused += fine
+            if not fine:
+                print(f"{said}: {error}")
+        shutil.rmtree(folder)
+    print(f"{refused} of {TIMES} damaged checkpoints were refused with one line that offers the last good one")
+    return 0 if refused == TIMES else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
