@@ -8,7 +8,7 @@ ADAPTERS_VENV := build/adapters-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-official test-adapters test-kill test-damage test-learners wheel bench clean
+.PHONY: help venv run test lint parity parity-official test-adapters test-kill test-damage test-learners wheel results bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -61,6 +61,9 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	$(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
+
+results: .venv/.stamp ## train five seeds of every agent and write docs/results.md; goes on where it stopped
+	$(PY) -m iphyre_jax.train.results
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks

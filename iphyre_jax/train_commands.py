@@ -37,6 +37,8 @@ class Train:
     )
     out: Path | None = None
     """The run folder, new or empty; by default a new one under runs/."""
+    evaluate: bool = True
+    """Play the 40 games at the end."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Resume:
     """The run folder."""
     checkpoint: str | None = None
     """Name of the checkpoint to go on from; by default the newest."""
+    evaluate: bool = True
+    """Play the 40 games at the end."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +106,9 @@ def run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Train):
         command.config.check()
         folder = command.out or runs.default_path(command.config)
-        return _finish(loop.train(command.config, folder, console), console)
+        return _finish(loop.train(command.config, folder, console), console, command.evaluate)
     if isinstance(command, Resume):
-        return _finish(loop.resume(command.run, console, command.checkpoint), console)
+        return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
         config, state = runs.load(command.run, command.checkpoint)
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
@@ -114,12 +118,14 @@ def run(command: TrainingCommand, console: Console) -> int:
     return 0
 
 
-def _finish(outcome: loop.Outcome, console: Console) -> int:
-    """Evaluate a run that is finished; say how to go on with one that is not."""
+def _finish(outcome: loop.Outcome, console: Console, evaluated: bool) -> int:
+    """Evaluate a run that is finished, if so asked; say how to go on with one that is not."""
     if not outcome.finished:
         console.print(f"Saved in {outcome.folder}; `iphyre-jax resume {outcome.folder}` goes on,")
         console.print(f"`iphyre-jax evaluate {outcome.folder}` evaluates it as it is.")
         return INTERRUPTED
+    if not evaluated:
+        return 0
     config = runs.read_config(outcome.folder)
     _evaluate_and_report(outcome.folder, config, outcome.state, GAMES, console)
     return 0

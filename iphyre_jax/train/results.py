@@ -1,0 +1,188 @@
+"""`make results`: every row of docs/results.md, seed by seed, from nothing or from where it stopped.
+
+    python -m iphyre_jax.train.results --root build/results --out docs
+
+Each row is an agent, each seed a run folder under the root; a run that is there is resumed or, if it is evaluated,
+left as it is. The document is written again after each run and says what is still missing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+import tyro
+from rich.console import Console
+
+from iphyre_jax.configuration import configure
+from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train import compare, logs, loop, runs
+from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.presets import DEFAULT, preset
+from iphyre_jax.train.provenance import provenance
+from iphyre_jax.train.report import markdown_table, paper_name, paper_numbers
+from iphyre_jax.train.settings import PPO
+
+SEEDS: Final = 5
+PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points, to be reached as soon as can be
+
+
+def rows() -> Mapping[str, TrainConfig]:
+    """The rows by name: the twelve of the paper with the default preset, then our own."""
+    paper = {key: preset(*key) for key in DEFAULT if key not in (("random", "in-advance"), ("random", "combined"))}
+    table = {paper_name(config).lower(): config for config in paper.values()}
+    base = preset()
+    own = {
+        "ppo-i-smooth": replace(base, fps=60, resets=1, updates=300, learner=SMOOTH),
+        "ppo-i-objects": OBJECTS,
+    }
+    return MappingProxyType(table | own)
+
+
+_BASE: Final = preset()
+SMOOTH: Final = PPO(std_floor=150.0, entropy=0.03)
+OBJECTS: Final = replace(
+    _BASE,
+    network="objects",
+    hidden=(64, 64),
+    variations=100,
+    updates=200,
+    learner=SMOOTH,
+)
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Reproduce the results."""
+
+    root: Path = Path("build/results")
+    """Folder of the runs."""
+    out: Path = Path("docs")
+    """Folder of results.md and its pictures."""
+    only: tuple[str, ...] = ()
+    """Rows to run, by name; by default all that are missing."""
+    seeds: int = SEEDS
+    """Seeds of each row."""
+
+
+def run_row(folder: Path, config: TrainConfig, console: Console) -> None:
+    """Train and evaluate one seed of a row, or what is left of it.
+
+    Raises:
+        ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
+    """
+    if (folder / runs.EVALUATION).is_file():
+        return
+    if (folder / runs.CONFIG).is_file():
+        if runs.read_config(folder) != config:
+            raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
+        outcome = loop.resume(folder, console)
+    else:
+        outcome = loop.train(config, folder, console)
+    if not outcome.finished:
+        raise KeyboardInterrupt
+    games = (*GAMES, *SPLITS["unseen_basic"])
+    runs.write_evaluation(folder, config, evaluate(config, outcome.state.learner, games), int(outcome.state.update))
+
+
+def seconds_to_paper(run: compare.Evaluated) -> float | None:
+    """Seconds until greedy plans first reach the paper's PPO-I on basic; None if they never do.
+
+    Playing, learning and measuring count, from the end of the first round, which compiles.
+    """
+    lines = logs.read(run.path)
+    for line in lines:
+        if line["greedy_reward"] and float(line["greedy_reward"]) >= PAPER_BASIC:
+            return float(line["seconds"]) - float(lines[0]["seconds"])
+    return None
+
+
+def _times(found: Sequence[compare.Row]) -> str:
+    """Wall time of each row, and time to the paper's PPO-I."""
+    header = ["agent", "episodes", "decisions", "training, s (median)", f"s to {PAPER_BASIC:.1f} on basic (median)"]
+    cells = []
+    for row in found:
+        last = [logs.read(seed.path)[-1] for seed in row.seeds]
+        reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == 10 else [None]
+        known = [each for each in reached if each is not None]
+        to_paper = f"{np.median(known):.1f} ({len(known)} of {len(reached)} seeds)" if known else "-"
+        middle = [float(np.median([float(line[name]) for line in last])) for name in ("episodes", "decisions")]
+        wall = f"{np.median([float(line['seconds']) for line in last]):.0f}"
+        cells.append([row.name, *(f"{value:,.0f}" for value in middle), wall, to_paper])
+    return markdown_table(header, cells)
+
+
+def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str], out: Path) -> str:
+    """The text of results.md; draws its pictures."""
+    facts = json.dumps(provenance(), indent=1)
+    parts = [
+        "# Results",
+        "Written by `make results`. Trained on the basic split only; everything else is zero shot. Greedy: one "
+        "episode a game; sampled: 20, as the agent plays to learn, which is the paper's protocol. Cells: mean over "
+        "seeds, share solved, [95 % bootstrap interval over seeds], interquartile mean over games and seeds. People "
+        "and oracle of the paper played at 60 fps, its agents at 10.",
+        f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
+    ]
+    for fps in (10, 60):
+        evaluated = [run for members in found.values() for run in members if run.config.fps == fps]
+        if not evaluated:
+            continue
+        table = compare.rows(evaluated)
+        parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time", _times(table)]
+        for name, draw in (("curves", compare.draw_curves), ("bars", _bars)):
+            picture = out / f"results-{name}-{fps}fps.png"
+            draw(picture, table)
+            parts.append(f"![{name} at {fps} fps]({picture.name})")
+    parts += ["## Origin", f"```json\n{facts}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def _bars(path: Path, found: Sequence[compare.Row]) -> None:
+    compare.draw_bars(path, found, "sampled")
+
+
+def _unseen(found: Sequence[compare.Row]) -> str:
+    """The ten unseen layouts of the basic games."""
+    cells = []
+    for row in found:
+        values = [row.summary(kind, "unseen_basic") for kind in compare.KINDS]
+        cells.append([row.name, *("-" if value is None else f"{value.mean:.1f}" for value in values)])
+    return "### Unseen basic\n\n" + markdown_table(["agent", *compare.KINDS], cells)
+
+
+def main(arguments: Arguments) -> None:
+    """Run what is missing and write the document."""
+    configure()
+    console, table = Console(), rows()
+    for name in arguments.only:
+        if name not in table:
+            raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
+    for seed in range(arguments.seeds):
+        for name in arguments.only or table:
+            run_row(arguments.root / name / f"seed-{seed}", replace(table[name], seed=seed), console)
+            write(arguments, table)
+
+
+def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
+    """Write the document of what is there."""
+    found: dict[str, list[compare.Evaluated]] = {}
+    missing = []
+    for name in table:
+        for seed in range(arguments.seeds):
+            folder = arguments.root / name / f"seed-{seed}"
+            if (folder / runs.EVALUATION).is_file():
+                found.setdefault(name, []).append(compare.read(folder))
+            else:
+                missing.append(f"{name} seed {seed}")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    logs.replace_text(arguments.out / "results.md", document(found, missing, arguments.out))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
