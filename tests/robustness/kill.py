@@ -78,7 +78,7 @@ def main() -> int:
     for agent in SETTINGS:
         subprocess.run(command(agent, root / f"{agent}-undisturbed"), check=True, stdout=subprocess.DEVNULL)
     while killed < KILLS:
-        agent = list(SETTINGS)[killed % len(SETTINGS)]
+        agent = list(SETTINGS)[killed // 2 % len(SETTINGS)]
         folder = root / f"{agent}-{killed:02d}"
         where = [kill_once(agent, folder, rng) for _ in range(min(2, KILLS - killed))]
         killed += len(where)
