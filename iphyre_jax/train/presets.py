@@ -33,7 +33,7 @@ _CRITIC: Final[dict[str, Any]] = {"critic": True, "rows": 8192, "discount": 1.0,
 DEFAULT: Final[Table] = MappingProxyType(
     {
         ("ppo", "in-advance"): {"learner": PPO()},
-        ("ppo", "combined"): {"learner": PPO(rows=1024, minibatches=4), "episodes_per_scene": 64},
+        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
         ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003)},
         ("a2c", "in-advance"): {"learner": A2C()},
         ("a2c", "combined"): {"learner": A2C(rows=2048), "episodes_per_scene": 64},
@@ -56,7 +56,7 @@ DEFAULT: Final[Table] = MappingProxyType(
             "head": "point",
             "activation": "relu",
             "episodes_per_scene": 32,
-            "learner": DDPG(learning_rate=1e-3),
+            "learner": DDPG(learning_rate=1e-3, noise_rounds=60),
         },
         ("dqn", "on-the-fly"): _FLY
         | {"activation": "relu", "episodes_per_scene": 8, "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01)},
