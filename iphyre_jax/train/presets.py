@@ -35,8 +35,12 @@ DEFAULT: Final[Table] = MappingProxyType(
         ("ppo", "in-advance"): {"learner": PPO()},
         ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
         ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003)},
-        ("a2c", "in-advance"): {"learner": A2C()},
-        ("a2c", "combined"): {"learner": A2C(rows=2048), "episodes_per_scene": 64},
+        ("a2c", "in-advance"): {"learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05), "updates": 150},
+        ("a2c", "combined"): {
+            "learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05, rows=1024),
+            "episodes_per_scene": 64,
+            "updates": 150,
+        },
         ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003)},
         ("sac", "in-advance"): {
             "head": "squashed",
@@ -47,8 +51,8 @@ DEFAULT: Final[Table] = MappingProxyType(
         ("sac", "combined"): {
             "head": "squashed",
             "activation": "relu",
-            "episodes_per_scene": 16,
-            "learner": SAC(learning_rate=1e-3),
+            "episodes_per_scene": 32,
+            "learner": SAC(learning_rate=1e-3, steps=128),
         },
         ("sac", "on-the-fly"): _FLY
         | {"activation": "relu", "episodes_per_scene": 8, "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01)},

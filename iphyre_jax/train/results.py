@@ -39,7 +39,7 @@ def rows() -> Mapping[str, TrainConfig]:
     table = {paper_name(config).lower(): config for config in paper.values()}
     base = preset()
     own = {
-        "ppo-i-smooth": replace(base, fps=60, resets=1, updates=300, learner=SMOOTH),
+        "ppo-i-smooth": replace(base, fps=60, resets=1, updates=150, learner=SMOOTH),
         "ppo-i-objects": OBJECTS,
     }
     return MappingProxyType(table | own)

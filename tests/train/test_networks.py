@@ -1,0 +1,70 @@
+"""Networks: shapes, the start at the head's prior, and objects that do not care for their row."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from iphyre_jax.env import observation_table
+from iphyre_jax.train import actor_critic
+from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.networks import ObjectNetwork, Perceptron
+from iphyre_jax.train.observations import observation_size, parts, slot_mask
+from iphyre_jax.train.presets import preset
+
+SEEN = jnp.asarray(observation_table(("hole", "multi_ball_spring")))
+
+
+@pytest.mark.parametrize("shape", [(6, 3), (7,), ()])
+def test_outputs_have_the_shape_asked_for(shape: tuple[int, ...]) -> None:
+    for network in (Perceptron((16,), "relu", shape, 1.0), ObjectNetwork((16, 8), shape, 1.0)):
+        params = network.init(jax.random.key(0), SEEN)
+        assert network.apply(params, SEEN).shape == (2, *shape)
+
+
+def test_a_dueling_network_parts_value_from_deviations() -> None:
+    network = Perceptron((16,), "relu", (7,), 1.0, dueling=True)
+    params = network.init(jax.random.key(0), SEEN)
+    outputs = network.apply(params, SEEN)
+    layers = jax.tree.map(np.asarray, params["params"])
+    hidden = np.maximum(np.asarray(SEEN) @ layers["Dense_0"]["kernel"] + layers["Dense_0"]["bias"], 0)
+    np.testing.assert_allclose(outputs.mean(axis=-1), (hidden @ layers["Dense_2"]["kernel"])[:, 0], atol=1e-5)
+
+
+def shuffled(seen: jax.Array) -> jax.Array:
+    """The same objects in other rows; the candidates, and so the slots, as they were."""
+    taken = parts(seen)
+    rows = taken.rows[:, np.random.default_rng(1).permutation(12)]
+    return jnp.concatenate([rows.reshape(len(seen), -1), taken.candidates.reshape(len(seen), -1)], axis=1)
+
+
+def test_objects_do_not_care_for_their_row() -> None:
+    network = ObjectNetwork((16, 16), (6, 5), 1.0)
+    params = network.init(jax.random.key(0), SEEN)
+    there = np.asarray(slot_mask(SEEN))
+    one, other = network.apply(params, SEEN), network.apply(params, shuffled(SEEN))
+    np.testing.assert_allclose(one, other, atol=1e-4)
+    assert np.abs(np.asarray(one)[there]).max() > 0.01
+    assert len(np.unique(np.asarray(one)[0][there[0]].round(4), axis=0)) == there[0].sum()  # each slot its own
+
+
+def test_the_first_policy_is_the_prior_for_every_scene() -> None:
+    config = TrainConfig(hidden=(32,))
+    for network in ("perceptron", "objects"):
+        chosen = dataclasses.replace(config, network=network)  # type: ignore[arg-type]
+        params = actor_critic.init_params(chosen, jax.random.key(0), SEEN[:1])
+        assert float(jnp.abs(actor_critic.outputs(chosen, params, SEEN)).max()) < 0.1
+
+
+def test_masks_are_found_in_every_kind_of_observation() -> None:
+    for strategy in ("in-advance", "combined", "on-the-fly"):
+        for observation in ("official", "motion"):
+            size = observation_size(strategy, observation)  # type: ignore[arg-type]
+            start = 108 + (2 if strategy == "on-the-fly" else 0)
+            seen = jnp.zeros((1, size)).at[0, start : start + 4].set(0.5)
+            np.testing.assert_array_equal(slot_mask(seen)[0], [True, True, False, False, False, False])
+    assert preset("ppo", "on-the-fly").observation == "motion"
