@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from iphyre_jax import cli, train_commands
-from iphyre_jax.train import checkpoint, collect, compare, logs, loop, report, runs, trainer
+from iphyre_jax.train import checkpoint, collect, compare, logs, loop, report, results, runs, trainer
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.evaluate import Evaluation, GameScore, Score, evaluate
 from iphyre_jax.train.settings import PPO
@@ -289,6 +289,25 @@ def test_paper_numbers_agree_with_their_table() -> None:
             tolerance = 0.21 if agent == "Human" else 0.0051  # the paper states 800.97 for people's 800.77
             assert abs(np.mean(rewards[10 * index : 10 * index + 10]) - by_split[split][0]) < tolerance
         assert abs(np.mean(rewards) - by_split["all"][0]) < 0.0051
+
+
+def test_results_name_what_is_missing(finished: loop.Outcome, tmp_path: Path) -> None:
+    table = results.rows()
+    assert len(table) == 14  # the paper's twelve, and two of our own
+    for config in table.values():
+        config.check()
+    text = results.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path)
+    for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
+        assert part in text
+    assert "## 60 fps" not in text
+    names = sorted(entry.name for entry in tmp_path.iterdir())
+    assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
+    run = compare.read(finished.folder)
+    assert results.seconds_to_paper(run) is None  # three rounds of sixteen episodes
+    results.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
+    (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
+    with pytest.raises(ValueError, match="expected the settings of this row"):
+        results.run_row(tmp_path / "other", table["ppo-i"], QUIET)
 
 
 def test_command_line_trains_resumes_and_evaluates(
