@@ -210,7 +210,7 @@ def test_noise_and_epsilon_fall() -> None:
     np.testing.assert_allclose(share, [1.0, 0.02, 0.02, 0.02], rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["ppo slots", "sac", "dqn on the fly"])
+@pytest.mark.parametrize("name", ["ppo slots", "dqn on the fly"])
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
     """Two learners under `vmap` learn what each learns alone."""
     config = flyer(name.split()[0]) if name.endswith("fly") else planner(name)
