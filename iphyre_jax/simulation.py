@@ -14,7 +14,6 @@ import numpy.typing as npt
 from iphyre_jax import programs
 from iphyre_jax.physics.broadphase import Counters
 from iphyre_jax.reward import episode_reward
-from iphyre_jax.rollouts import Outcome
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.build import timing
 
@@ -193,7 +192,7 @@ def _simulate(
         samples = np.full(shape, np.nan, settings.dtype)
 
     def play(chunk: programs.Chunk) -> None:
-        moved = []
+        moved: list[npt.NDArray[np.floating[Any]]] = []
         for outcome in programs.play(chunk, times, settings.dtype, stops):
             if samples is not None and len(moved) < samples.shape[1]:
                 moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1))

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 import iphyre_jax
 from iphyre_jax import Scene, Simulation
 from parity.compare import BIN, PlanComparison, compare_plans
+from parity.exceptions import Astray, astray, explain
 from parity.plans import PlanSet, random_plans
 from parity.reference import Trajectory, run
+from parity.statistics import Pair, play_statistics
 
 DURATION = 15.0  # s, the length of an official play
 
@@ -33,6 +35,8 @@ class Task:
         plan_set: which random plans, see `parity.plans.random_times`.
         duration: s, length of a play.
         disturbances: relative changes of gravity under which the reference is played once more.
+        explained: how many of the plans of a scene that go astray in float64 are traced to their first difference.
+        statistics: s, how long one play of each scene is watched from inside; 0 for not at all.
     """
 
     scenes: tuple[str | Scene, ...]
@@ -44,6 +48,8 @@ class Task:
     plan_set: PlanSet = "early"
     duration: float = DURATION
     disturbances: tuple[float, ...] = ()
+    explained: int = 3
+    statistics: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +64,8 @@ class GameResult:
         comparison: what came out.
         sensitivity: by relative disturbance of gravity, the reference's disturbed plays against its own.
         worst: the plan of the largest error in the reference and in ours.
+        astray: the plans that end differently or stray too far; the first ones of float64 explained.
+        statistics: energy, momentum and contacts of one play, if asked for.
     """
 
     scene: Scene
@@ -67,6 +75,8 @@ class GameResult:
     comparison: PlanComparison
     sensitivity: dict[float, PlanComparison] = field(default_factory=dict)
     worst: Worst | None = None
+    astray: tuple[Astray, ...] = ()
+    statistics: Pair | None = None
 
     @property
     def game(self) -> str:
@@ -147,11 +157,36 @@ def compare_scenes(task: Task) -> list[GameResult]:
         senses = [_sensitivity(*game, task, fps) for game in zip(scenes, plans, references, strict=True)]
         for d, dtype in enumerate(task.dtypes):
             for s, ours in enumerate(play_ours(scenes, plans, fps, dtype, task)):
-                scene = scenes[s]
-                comparison = compare_plans(references[s], ours, scene.dynamic, fps)
-                worst = _worst(references[s], ours, comparison, fps)
-                results[s, r, d] = GameResult(scene, fps, dtype, plans[s], comparison, senses[s], worst)
+                compared = compare_plans(references[s], ours, scenes[s].dynamic, fps)
+                results[s, r, d] = GameResult(
+                    scene=scenes[s],
+                    fps=fps,
+                    dtype=dtype,
+                    eliminate_at=plans[s],
+                    comparison=compared,
+                    sensitivity=senses[s],
+                    worst=_worst(references[s], ours, compared, fps),
+                    astray=_astray(scenes[s], plans[s], compared, fps, dtype, task),
+                    statistics=_statistics(scenes[s], plans[s], fps, task) if d == 0 else None,
+                )
     return [results[key] for key in sorted(results)]
+
+
+def _astray(
+    scene: Scene, plans: NDArray[np.int32], compared: PlanComparison, fps: int, dtype: str, task: Task
+) -> tuple[Astray, ...]:
+    steps = round(task.duration * fps)
+    return tuple(
+        explain(scene, plans, compared, int(plan), fps, dtype, steps, task.resets, traced=number < task.explained)
+        for number, plan in enumerate(astray(compared, fps, dtype))
+    )
+
+
+def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) -> Pair | None:
+    """Watch the first plan that removes something."""
+    plan = min(1, len(plans) - 1)
+    steps = round(min(task.statistics, task.duration) * fps)
+    return play_statistics(scene, plans[plan], plan=plan, fps=fps, steps=steps, resets=task.resets) if steps else None
 
 
 def _sensitivity(

@@ -139,7 +139,7 @@ class ReferenceWorld:
 
     def moving_poses(self) -> list[float]:
         """x, y and angle of the moving objects now, one after the other."""
-        out = []
+        out: list[float] = []
         for body in self._moving:
             at = _position(body)
             out += (at.x, at.y, _angle(body))

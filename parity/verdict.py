@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from parity.compare import Summary
+from parity.summary import Summary
 from parity.tolerances import TARGETS
 
 

@@ -20,6 +20,8 @@ from parity.__main__ import Options, main, scenes
         (["--duration", "inf"], "--duration: expected a whole number of steps at 60 fps, got inf s"),
         (["--fps"], "--fps: expected at least one value"),
         (["--dtype"], "--dtype: expected at least one value"),
+        (["--statistics", "-1"], "--statistics: expected seconds, at least 0, got -1.0"),
+        (["--disturbances", "0"], "--disturbances: expected numbers between -1 and 1 but not 0, got 0.0"),
         (["--games", "suport"], "suport"),
         (["--scene", "nowhere/missing.json"], "missing.json"),
         (["--games", "support", "--duration", "0.01"], "--duration: expected a whole number of steps"),

@@ -3,8 +3,8 @@
 import pytest
 
 from iphyre_jax import GAMES, SPLITS
-from parity.compare import summarise
-from parity.play import GameResult, Task, compare_game
+from parity.play import GameResult, Task, compare_scenes
+from parity.summary import summarise
 from parity.tolerances import SAMPLE_FLOAT32_FLAG, SAMPLE_SHARES, TARGETS
 
 PLANS = 3  # plan 0 does nothing
@@ -12,10 +12,7 @@ SEED = 0
 
 
 def compared(names: tuple[str, ...], dtypes: tuple[str, ...], resets: int = 1, plans: int = PLANS) -> list[GameResult]:
-    results = []
-    for name in names:
-        results += compare_game(Task(name, plans, (60, 10), dtypes, resets, SEED))
-    return results
+    return compare_scenes(Task(names, plans, (60, 10), dtypes, resets, SEED))
 
 
 def check(results: list[GameResult]) -> None:
