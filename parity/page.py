@@ -189,7 +189,7 @@ def _courses(results: Sequence[GameResult]) -> list[str]:
 
 def _worst(results: Sequence[GameResult], title: str) -> list[str]:
     """Pictures of the plays that went furthest astray."""
-    astray = [result for result in results if result.worst and result.comparison.error.max() > 0]
+    astray = [result for result in results if result.worst]
     astray.sort(key=lambda result: -float(result.comparison.error.max()))
     figures = []
     for result in astray[:WORST_SHOWN]:

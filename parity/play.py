@@ -63,7 +63,7 @@ class GameResult:
         eliminate_at: (B, S) the plans.
         comparison: what came out.
         sensitivity: by relative disturbance of gravity, the reference's disturbed plays against its own.
-        worst: the plan of the largest error in the reference and in ours.
+        worst: the plan of the largest error in the reference and in ours; None where no pose in play differs.
         astray: the plans that end differently or stray too far; the first ones of float64 explained.
         statistics: energy, momentum and contacts of one play, if asked for.
     """
@@ -200,9 +200,11 @@ def _sensitivity(
     return found
 
 
-def _worst(references: list[Trajectory], ours: Simulation, comparison: PlanComparison, fps: int) -> Worst:
+def _worst(references: list[Trajectory], ours: Simulation, comparison: PlanComparison, fps: int) -> Worst | None:
     assert ours.samples is not None  # noqa: S101  they were asked for
     plan, every = int(comparison.error.argmax()), max(1, round(BIN * fps))
+    if not comparison.error[plan]:
+        return None
     pair = references[plan].samples, ours.samples[plan]
     return Worst(plan, *(samples[::every].astype(np.float32) for samples in pair))
 

@@ -67,7 +67,9 @@ def sections(results: Sequence[GameResult]) -> list[Section]:
         games = tuple(summarise(result.game, [result.comparison]) for result in chosen)
         overall = summarise("all", [result.comparison for result in chosen])
         itself = tuple(
-            summarise(f"pymunk, g x (1 + {part:.0e})", [result.sensitivity[part] for result in chosen])
+            summarise(
+                f"pymunk, g x (1 + {part:.0e})".replace("e-0", "e-"), [result.sensitivity[part] for result in chosen]
+            )
             for part in chosen[0].sensitivity
         )
         missed = tuple(missed_targets(fps, dtype, games, overall))

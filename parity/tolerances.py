@@ -55,6 +55,12 @@ TARGETS: dict[tuple[str, int], Target] = {
     ("float32", 10): Target(1.0, 0.95, 0.0, {}, FLOAT32_FLAG, FLOAT32_STEP),
 }
 
+# --- float64, random scenes -----------------------------------------------------------------------------------------
+# Exactly touching and exactly symmetric starts stand on knife edges: the reference rebuilt with fused multiply-adds
+# agrees with itself in 95 to 96 % of such plays.
+RANDOM_SHARE = 0.98
+RANDOM_STEP = 0.998
+
 # --- float64, stage by stage ----------------------------------------------------------------------------------------
 # One step from the reference's own state: what is left is the order of a few roundings. The unit is that of the
 # quantity (px, px/s, impulse per unit mass); values reach 1e3, so 1e-9 is some 1e4 roundings.
