@@ -142,7 +142,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     results = compare(options, console)
     made = sections(results)
-    around = circumstances({name: _plain(value) for name, value in asdict(options).items()})
+    around = circumstances({name: plain(value) for name, value in asdict(options).items()})
     save(options.out, options.name, made, results, around)
     for section in made:
         console.print(screen_table(section))
@@ -154,9 +154,10 @@ def main(arguments: list[str] | None = None) -> int:
     return int(any(section.missed for section in made))
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """An option as JSON takes it."""
     if isinstance(value, tuple):
-        return [_plain(inner) for inner in value]
+        return [plain(inner) for inner in value]
     return str(value) if isinstance(value, Path) else value
 
 

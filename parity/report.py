@@ -109,13 +109,18 @@ def _finite(value: Any) -> Any:  # noqa: ANN401 - any JSON value
 
 
 def save(
-    folder: Path, name: str, made: Sequence[Section], results: Sequence[GameResult], around: Mapping[str, Any]
+    folder: Path,
+    name: str,
+    made: Sequence[Section],
+    results: Sequence[GameResult],
+    around: Mapping[str, Any],
+    *,
+    page_too: bool = True,
 ) -> None:
     """Write `name`.json, `name`.md and `name`.html into `folder`, which is made if it is missing."""
     folder.mkdir(parents=True, exist_ok=True)
-    for ending, text in (
-        ("json", as_json(made, results, around)),
-        ("md", markdown(made, results, around)),
-        ("html", page(made, results, around)),
-    ):
+    texts = {"json": as_json(made, results, around), "md": markdown(made, results, around)}
+    if page_too:
+        texts["html"] = page(made, results, around)
+    for ending, text in texts.items():
         (folder / f"{name}.{ending}").write_text(text, encoding="utf-8")

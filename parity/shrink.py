@@ -8,6 +8,7 @@ need no new program, and keeps each that leaves the difference in place, until n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from parity.stages import first_divergence
 
 Plan = NDArray[np.integer[Any]]
 Case = tuple[Scene, Plan]
+
+ROUNDINGS = (10.0, 1.0, 0.125)  # px
 
 
 def shrink(scene: Scene, plan: Plan, still: Callable[[Scene, Plan], bool]) -> Case:
@@ -64,18 +67,11 @@ def _simpler(scene: Scene, plan: Plan) -> Iterator[Case]:
     for column in np.flatnonzero(plan >= 0):
         yield scene, np.where(np.arange(len(plan)) == column, -1, plan)
     order = sorted(range(scene.n_objects), key=lambda index: (bool(scene.dynamic[index]), index))
-    changes: list[Callable[[], Case]] = [lambda index=index: _without(scene, plan, index) for index in order]
-    changes += [
-        lambda kind=kind, k=k: (_unlinked(scene, kind, k), plan)
-        for kind in ("joints", "springs")
-        for k in range(len(getattr(scene, kind)))
-    ]
-    changes += [lambda column=column: _kept(scene, plan, column) for column in np.flatnonzero(plan < 0)]
-    changes += [
-        lambda index=index, to=to: (_rounded(scene, index, to), plan)
-        for to in (10.0, 1.0, 0.125)
-        for index in range(scene.n_objects)
-    ]
+    changes: list[Callable[[], Case]] = [partial(_without, scene, plan, index) for index in order]
+    for kind in ("joints", "springs"):
+        changes += [partial(_unlinked, scene, plan, kind, k) for k in range(len(getattr(scene, kind)))]
+    changes += [partial(_kept, scene, plan, int(column)) for column in np.flatnonzero(plan < 0)]
+    changes += [partial(_rounded, scene, plan, index, to) for to in ROUNDINGS for index in range(scene.n_objects)]
     for change in changes:
         try:
             candidate = change()
@@ -112,9 +108,9 @@ def _without(scene: Scene, plan: Plan, index: int) -> Case:
     return smaller, plan[columns]
 
 
-def _unlinked(scene: Scene, kind: str, k: int) -> Scene:
+def _unlinked(scene: Scene, plan: Plan, kind: str, k: int) -> Case:
     pairs = getattr(scene, kind)
-    return _replaced(scene, **{kind: (*pairs[:k], *pairs[k + 1 :])})
+    return _replaced(scene, **{kind: (*pairs[:k], *pairs[k + 1 :])}), plan
 
 
 def _kept(scene: Scene, plan: Plan, column: int) -> Case:
@@ -124,12 +120,12 @@ def _kept(scene: Scene, plan: Plan, column: int) -> Case:
     return _replaced(scene, eliminable=eliminable), np.delete(plan, column)
 
 
-def _rounded(scene: Scene, index: int, to: float) -> Scene:
+def _rounded(scene: Scene, plan: Plan, index: int, to: float) -> Case:
     """The scene with one object's coordinates rounded to multiples of `to` px."""
     if index < scene.n_blocks:
         blocks = scene.blocks.copy()
         blocks[index] = np.round(blocks[index] / to) * to
-        return _replaced(scene, blocks=blocks)
+        return _replaced(scene, blocks=blocks), plan
     balls = scene.balls.copy()
     balls[index - scene.n_blocks] = np.round(balls[index - scene.n_blocks] / to) * to
-    return _replaced(scene, balls=balls)
+    return _replaced(scene, balls=balls), plan
