@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from parity.reference import Trajectory
 from parity.tolerances import IN_PLAY_CENTRE_X, IN_PLAY_MAX_DX, IN_PLAY_MAX_Y
+from parity.trajectory import Trajectory
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -89,20 +89,20 @@ def in_play(samples: Floats) -> Bools:
     return inside & (samples[..., 1] <= IN_PLAY_MAX_Y)
 
 
-def play_errors(reference: Floats, ours: Floats, moving: Bools, steps: int) -> tuple[Floats, Floats]:
+def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> tuple[Floats, Floats]:
     """Position (px) and angle (rad) errors of one plan.
 
     Args:
-        reference: (K, N, 3) poses after every step.
+        reference: (K, N, 3) poses.
         ours: (K, N, 3) the same of the plays under test.
         moving: (N,) which objects move.
-        steps: steps the reference made; later samples only repeat its last pose.
+        last: index of the reference's last sample; later ones only repeat its last pose.
 
     Returns:
-        For every sample up to the last step the two maxima over the moving objects that are in play in the reference,
-        (steps + 1,) each, NaN where there is none. Not-finite poses of ours count as infinitely far.
+        For every sample up to the last the two maxima over the moving objects that are in play in the reference,
+        (last + 1,) each, NaN where there is none. Not-finite poses of ours count as infinitely far.
     """
-    theirs, mine = reference[: steps + 1, moving], ours[: steps + 1, moving]
+    theirs, mine = reference[: last + 1, moving], ours[: last + 1, moving]
     offset = mine - theirs
     counted = in_play(theirs)
     return _worst(np.hypot(offset[..., 0], offset[..., 1]), counted), _worst(np.abs(offset[..., 2]), counted)
@@ -134,14 +134,17 @@ def binned(course: Floats, fps: float, samples: int) -> NDArray[np.float32]:
     return np.where(filled < 0, np.nan, filled).astype(np.float32)
 
 
-def compare_plans(references: Sequence[Trajectory], ours: Played, moving: Bools, fps: float) -> PlanComparison:
-    """Compare one game's plans, sampled after every step.
+def compare_plans(
+    references: Sequence[Trajectory], ours: Played, moving: Bools, fps: float, every: int = 1
+) -> PlanComparison:
+    """Compare one game's plans.
 
     Args:
         references: the reference's plays, one a plan.
-        ours: our plays of the same plans, with samples after every step.
+        ours: our plays of the same plans, sampled at the same steps.
         moving: (N,) which objects move.
         fps: physics steps a second.
+        every: steps between samples.
 
     Returns:
         The comparison, one entry a plan.
@@ -150,12 +153,12 @@ def compare_plans(references: Sequence[Trajectory], ours: Played, moving: Bools,
         ValueError: if our plays carry no samples, or not as many as the reference's.
     """
     if ours.samples is None:
-        raise ValueError("samples: expected plays sampled after every step, got none")
+        raise ValueError("samples: expected sampled plays, got none")
     expected = (len(references), *references[0].samples.shape)
     if ours.samples.shape != expected:
         raise ValueError(f"samples: expected shape {expected}, got {ours.samples.shape}")
     pairs = [(one, other.astype(np.float64)) for one, other in zip(references, ours.samples, strict=True)]
-    courses = [play_errors(one.samples, samples, moving, one.steps) for one, samples in pairs]
+    courses = [play_errors(one.samples, samples, moving, one.steps // every) for one, samples in pairs]
     fault = np.asarray(ours.fault, dtype=np.int64)
     sound = fault == 0
     reference_steps = np.array([reference.steps for reference in references], dtype=np.int64)
@@ -165,7 +168,7 @@ def compare_plans(references: Sequence[Trajectory], ours: Played, moving: Bools,
     return PlanComparison(
         error=np.where(sound, [_overall(distance) for distance, _ in courses], np.inf),
         angle_error=np.where(sound, [_overall(turn) for _, turn in courses], np.inf),
-        course=np.stack([binned(distance, fps, expected[1]) for distance, _ in courses]),
+        course=np.stack([binned(distance, fps / every, expected[1]) for distance, _ in courses]),
         identical=np.array(same_poses) & same_steps & sound,
         reference_success=np.array([reference.success for reference in references]),
         reference_steps=reference_steps,

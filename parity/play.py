@@ -15,8 +15,9 @@ from iphyre_jax import Scene, Simulation
 from parity.compare import BIN, PlanComparison, compare_plans
 from parity.exceptions import Astray, astray, explain
 from parity.plans import PlanSet, random_plans
-from parity.reference import Trajectory, run
+from parity.reference import run
 from parity.statistics import Pair, play_statistics
+from parity.trajectory import Trajectory
 
 DURATION = 15.0  # s, the length of an official play
 

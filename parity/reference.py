@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import lib
 
 from iphyre_jax import Scene
+from parity.trajectory import Trajectory
 
 GRAVITY = (0.0, 100.0)  # px/s^2, y points down
 MASS = 1.0
@@ -28,24 +29,6 @@ GOAL_Y = 600.0  # a game is solved when every ball's y is strictly greater after
 VERSION = pymunk.version
 
 _position, _angle = lib.cpBodyGetPosition, lib.cpBodyGetAngle
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """One play of a scene in the reference.
-
-    Attributes:
-        success: whether every ball was below the goal line after the last step.
-        steps: physics steps made, the solving one included.
-        eliminations: blocks removed by then.
-        samples: (K, N, 3) float64 x, y (px) and angle (rad) of every object at the start and after every
-            `sample_every` steps; NaN once an object is gone, the last pose repeated once the play is over.
-    """
-
-    success: bool
-    steps: int
-    eliminations: int
-    samples: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
