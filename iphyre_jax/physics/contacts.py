@@ -85,9 +85,9 @@ class _Kind:
     pairs: tuple[tuple[int, int], ...]  # rows of the two tables
     bodies: tuple[tuple[int, int], ...]  # moving body, or STATIC_BODY
     first_id: int
-    info: jax.Array  # (pairs, 1 or 6) int32: key; for two bars whether the first has role a, and its four id classes
+    info: jax.Array  # (pairs, 1, 2 or 6) int32: key; with two balls or bars whether the first has role a; id classes
     tables: tuple[jax.Array, jax.Array]
-    touch: Callable[[jax.Array, jax.Array, jax.Array | None], Touches]
+    touch: Callable[[jax.Array, jax.Array, jax.Array, jax.Array | None], Touches]  # rows of tables, info and `side`
 
 
 def collide(
@@ -113,7 +113,7 @@ def collide(
 def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind:
     m, pairs = topology.bars, topology.ball_bar_pairs
 
-    def touch(ball_row: jax.Array, bar_row: jax.Array, _: jax.Array | None) -> Touches:
+    def touch(ball_row: jax.Array, bar_row: jax.Array, *_: jax.Array | None) -> Touches:
         ball, bar = shapes.ball(ball_row), shapes.bar(bar_row)
         frame = _frame(ball, bar)
         return frame, (circle_segment(frame.first, ball.radius, _second_segment(bar, frame)),), None
@@ -131,18 +131,21 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _K
     if not pairs:
         return None
 
-    def touch(first_row: jax.Array, second_row: jax.Array, _: jax.Array | None) -> Touches:
+    def touch(first_row: jax.Array, second_row: jax.Array, info: jax.Array, _: jax.Array | None) -> Touches:
         first, second = shapes.ball(first_row), shapes.ball(second_row)
         frame = _frame(first, second)
-        return frame, (circle_circle(frame.first, first.radius, frame.second, second.radius),), None
+        return frame, (circle_circle(frame.first, first.radius, frame.second, second.radius, info[1] != 0),), None
 
-    keys = []
+    keys, first_is_a = [], []
     for i, j in pairs:
+        pair = topology.pairs.index((m + i, m + j))
         near = broadphase.overlap(*(_rows(shape.ball_box, k, k + 1) for k in (i, j)))
-        keys.append(jnp.where(near, order.moving[topology.pairs.index((m + i, m + j))][None], KEY_NONE))
+        keys.append(jnp.where(near[0], order.moving[pair], KEY_NONE))
+        first_is_a.append(order.low_is_a[pair])
+    info = [jnp.stack(keys), jnp.stack(first_is_a).astype(jnp.int32)]
     bodies = tuple((m + i, m + j) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs)
-    return _Kind(pairs, bodies, first_id, jnp.concatenate(keys)[:, None], (shape.balls, shape.balls), touch)
+    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.balls, shape.balls), touch)
 
 
 def _bar_bar(
@@ -152,10 +155,10 @@ def _bar_bar(
     if not pairs:
         return None
 
-    def touch(first_row: jax.Array, second_row: jax.Array, side: jax.Array | None) -> Touches:
+    def touch(first_row: jax.Array, second_row: jax.Array, info: jax.Array, side: jax.Array | None) -> Touches:
         first, second = shapes.bar(first_row), shapes.bar(second_row)
         frame = _frame(first, second)
-        return frame, *segment_segment(first.segment, _second_segment(second, frame), side)
+        return frame, *segment_segment(first.segment, _second_segment(second, frame), info[1] != 0, side)
 
     keys, first_is_a = [], []
     for bar in range(m):
@@ -223,28 +226,34 @@ def _visit(kind: _Kind, slots: _Slots, side: jax.Array) -> tuple[_Slots, jax.Arr
         info, bits = lanes.read(kind.info, pair), 2 * BODY_BITS
         tag = ((4 * (kind.first_id + pair)) << bits) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
         before = lanes.read(side, pair) if side.shape[0] else None
-        frame, touches, after = kind.touch(one, two, before)
+        frame, touches, after = kind.touch(one, two, info, before)
         if before is not None and after is not None:
             side = lanes.write(side, pair, jnp.where(info[0] == KEY_NONE, before, after))
         for place, touch in enumerate(touches):
-            slots = _append(slots, _key(info, place, touch), tag + (_id_class(info, touch) << bits), frame, touch)
+            slots = _append(
+                slots,
+                _key(info, place if len(touches) > 1 else None, touch),
+                tag + (_id_class(info, touch) << bits),
+                frame,
+                touch,
+            )
         return words, slots, side
 
     words = lanes.any_lane(kind.info[:, 0] != KEY_NONE)
     return jax.lax.while_loop(lambda loop: lanes.any_set(loop[0]), body, (words, slots, side))[1:]
 
 
-def _key(info: jax.Array, place: int, touch: Touch) -> jax.Array:
+def _key(info: jax.Array, place: int | None, touch: Touch) -> jax.Array:
     """Return the order key of a point, KEY_NONE if it does not touch. Of two bars the first point of a comes first."""
     key = info[0]
-    if info.shape[0] > 1:
+    if place is not None:
         key = key | jnp.where(info[1] != 0, place, 1 - place)
     return jnp.where(touch.touching & (info[0] != KEY_NONE), key, KEY_NONE)
 
 
 def _id_class(info: jax.Array, touch: Touch) -> jax.Array:
     """Return the id of a point of two bars, or the lower one that the reference cannot tell from it."""
-    return touch.id if info.shape[0] == 1 else lanes.pick([info[2 + k] for k in range(4)], touch.id)
+    return touch.id if info.shape[0] < 6 else lanes.pick([info[2 + k] for k in range(4)], touch.id)
 
 
 def _append(slots: _Slots, key: jax.Array, tag: jax.Array, frame: _Frame, touch: Touch) -> _Slots:

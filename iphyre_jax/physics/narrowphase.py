@@ -41,12 +41,13 @@ class Touch:
     id: jax.Array  # int32; bars: 2 * end of the first + end of the second
 
 
-def circle_circle(centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array) -> Touch:
-    """Return the contact of two balls."""
+def circle_circle(
+    centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array, first_is_a: jax.Array
+) -> Touch:
+    """Return the contact of two balls. With one centre they are pushed apart along x, from role a to role b."""
     delta, reach = centre_b - centre_a, radius_a + radius_b
-    return _round_contact(
-        centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(jnp.ones_like(delta.x), jnp.zeros_like(delta.y))
-    )
+    right = _signed(jnp.ones_like(delta.x), first_is_a)
+    return _round_contact(centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(right, jnp.zeros_like(right)))
 
 
 def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
@@ -71,7 +72,7 @@ def _round_contact(
 
 
 def segment_segment(
-    one: Segment, two: Segment, start: jax.Array | None
+    one: Segment, two: Segment, first_is_a: jax.Array, start: jax.Array | None
 ) -> tuple[tuple[Touch, Touch], jax.Array | None]:
     """Return the two possible contact points of two bars, in the reference's order for roles (one, two).
 
@@ -80,6 +81,7 @@ def segment_segment(
     Args:
         one: first bar.
         two: second bar.
+        first_is_a: bool, whether the first bar has the reference's role a; decides roundings only.
         start: float64: side from which to search, see `gjk.separation`; float32: None.
 
     Returns:
@@ -87,12 +89,12 @@ def segment_segment(
     """
     if start is not None:
         normal, distance, side = gjk.separation(one, two, start)
-        return _clip(one, two, normal, distance <= 2 * BAR_RADIUS), side
+        return _clip(one, two, normal, distance <= 2 * BAR_RADIUS, first_is_a), side
     normal, distance = _separation(one, two)
     crossing, collinear = _crossing(one, two)
     normal, distance = _push_out(one, two, crossing, normal, distance)
     near = (distance <= 2 * BAR_RADIUS) & ~collinear & ((normal.x != 0) | (normal.y != 0))
-    return _clip(one, two, normal, near), None
+    return _clip(one, two, normal, near, first_is_a), None
 
 
 def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
@@ -153,12 +155,20 @@ def _push_out(
     return jax.lax.cond(jnp.any(crossing), push, lambda _: (normal, distance), None)
 
 
-def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array) -> tuple[Touch, Touch]:
-    """Return the contact points where the bars' facing sides overlap along the contact."""
+def _signed(value: jax.Array, positive: jax.Array) -> jax.Array:
+    return jnp.where(positive, value, -value)
+
+
+def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: jax.Array) -> tuple[Touch, Touch]:
+    """Return the contact points where the bars' facing sides overlap along the contact.
+
+    The reference computes from role a to b; in the exchanged roles all lengths along the contact change their signs,
+    but not the tiny number that keeps 1 / 0 away, which decides where a bar across the contact is met.
+    """
     flip_one, flip_two = ~(dot(one.normal, normal) > 0), ~(dot(two.normal, -normal) > 0)
     one_a, one_b = where(flip_one, one.b, one.a), where(flip_one, one.a, one.b)
     two_a, two_b = where(flip_two, two.b, two.a), where(flip_two, two.a, two.b)
-    tiny = jnp.finfo(normal.x.dtype).tiny
+    tiny = _signed(jnp.full_like(normal.x, jnp.finfo(normal.x.dtype).tiny), first_is_a)
     u_one_a, u_one_b, u_two_a, u_two_b = (cross(end, normal) for end in (one_a, one_b, two_a, two_b))
     scale_one = 1.0 / (u_one_b - u_one_a + tiny)
     scale_two = 1.0 / (u_two_b - u_two_a + tiny)
