@@ -121,11 +121,11 @@ def _kept(scene: Scene, plan: Plan, column: int) -> Case:
 
 
 def _rounded(scene: Scene, plan: Plan, index: int, to: float) -> Case:
-    """The scene with one object's coordinates rounded to multiples of `to` px."""
+    """The scene with one object's place rounded to multiples of `to` px; a ball keeps its radius."""
     if index < scene.n_blocks:
         blocks = scene.blocks.copy()
         blocks[index] = np.round(blocks[index] / to) * to
         return _replaced(scene, blocks=blocks), plan
     balls = scene.balls.copy()
-    balls[index - scene.n_blocks] = np.round(balls[index - scene.n_blocks] / to) * to
+    balls[index - scene.n_blocks, :2] = np.round(balls[index - scene.n_blocks, :2] / to) * to
     return _replaced(scene, balls=balls), plan
