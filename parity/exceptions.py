@@ -27,8 +27,8 @@ class Astray:
         reference: (solved, steps) in the reference.
         ours: the same in ours.
         fault: our fault code.
-        first_bit: where the first bit differs, both engines running free; None in float32, where all bits do, and
-            where none is found in a world that is stepped alone.
+        first_bit: where the first bit differs, both engines running free; None in float32, where all bits do, for a
+            fault, and where none is found in a world that is stepped alone.
         first_stage: the first difference beyond a stage's tolerance, from the reference's own state; None as above.
     """
 
@@ -76,14 +76,14 @@ def explain(
         dtype: the type ours ran in.
         steps: length of a play.
         resets: number of the reset.
-        traced: in float64, look for the step and the stage in which it begins.
+        traced: in float64, look for the step and the stage in which it begins; a fault explains itself.
 
     Returns:
         The description.
     """
     c, row = comparison, eliminate_at[plan]
     found: list[Divergence | None] = [None, None]
-    if traced and dtype == "float64":
+    if traced and dtype == "float64" and not c.fault[plan]:
         found = [first_divergence(scene, row, fps=fps, steps=steps, resets=resets, exact=e) for e in (True, False)]
     return Astray(
         game=scene.name,
