@@ -39,11 +39,12 @@ def path(x: Values, y: Values, kind: str) -> str:
 
 def band(x: Values, low: Values, high: Values, kind: str) -> str:
     """The area between two lines, where both have values."""
-    there = np.isfinite(low) & np.isfinite(high)
-    if not there.any():
-        return ""
-    way = [*zip(x[there], high[there], strict=True), *zip(x[there][::-1], low[there][::-1], strict=True)]
-    return f'<polygon class="{kind}" points="{" ".join(f"{left:.1f},{top:.1f}" for left, top in way)}"/>'
+    there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    areas = []
+    for run in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1):
+        way = [*zip(x[run], high[run], strict=True), *zip(x[run][::-1], low[run][::-1], strict=True)]
+        areas.append("M" + "L".join(f"{left:.1f} {top:.1f}" for left, top in way) + "Z" if way else "")
+    return f'<path class="{kind}" d="{"".join(areas)}"/>' if any(areas) else ""
 
 
 def error_chart(
@@ -77,9 +78,9 @@ def error_chart(
     parts.append(f'<text class="tick" x="{left - 3}" y="{top + height + 2.5}" text-anchor="end">0</text>')
     for second in np.linspace(0, seconds, 4):
         at = left + width * second / seconds
-        parts.append(
-            f'<text class="tick" x="{at:.1f}" y="{top + height + 11}" text-anchor="middle">{second:g} s</text>'
-        )
+        anchor = "end" if second == seconds else "middle"
+        place = f'x="{at:.1f}" y="{top + height + 11}" text-anchor="{anchor}"'
+        parts.append(f'<text class="tick" {place}>{second:g} s</text>')
     parts.append(f'<path class="axis" d="M{left} {top}v{height}h{width}"/>')
     parts += [band(x(worst), y(median), y(worst), kind) for median, worst, kind in bands]
     parts += [path(x(values), y(values), kind) for values, kind in lines]

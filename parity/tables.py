@@ -122,17 +122,14 @@ def verdict_line(section: Section) -> str:
 def headline(made: Sequence[Section]) -> str:
     """The verdict on the whole comparison in one line."""
     missed = sum(len(section.missed) for section in made)
-    verdict = "Every target is reached" if not missed else f"{missed} target{'s are' if missed > 1 else ' is'} missed"
     facts = []
     for dtype in dict.fromkeys(section.dtype for section in made):
         rows = [section.overall for section in made if section.dtype == dtype]
         plays = sum(row.plans for row in rows)
-
-        def share(name: str, rows: Sequence[Summary] = rows, plays: int = plays) -> str:
-            return percent(sum(getattr(row, name) * row.plans for row in rows) / plays)
-
-        facts.append(
-            f"{dtype}: of {plays} plays {share('identical')} % equal bit for bit, "
-            f"the same success step in {share('same_step')} %"
+        same, bits = (
+            sum(getattr(row, name) * row.plans for row in rows) / plays for name in ("same_step", "identical")
         )
+        exact = f"{percent(bits)} % of {plays} plays equal bit for bit, " if dtype == "float64" else ""
+        facts.append(f"{dtype}: {exact}success step equal in {percent(same)} %")
+    verdict = "Every target is reached" if not missed else f"{missed} target{'s' * (missed > 1)} missed"
     return f"{verdict}. {'; '.join(facts)}."
