@@ -140,9 +140,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
+    around = circumstances({name: plain(value) for name, value in asdict(options).items()})  # the commit that now runs
     results = compare(options, console)
     made = sections(results)
-    around = circumstances({name: plain(value) for name, value in asdict(options).items()})
     save(options.out, options.name, made, results, around)
     for section in made:
         console.print(screen_table(section))

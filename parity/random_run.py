@@ -204,9 +204,9 @@ def main(arguments: list[str] | None = None) -> int:
         if getattr(options, name) < least:
             print(f"--{name}: expected an integer of at least {least}, got {getattr(options, name)}", file=sys.stderr)
             return 2
+    around = circumstances({name: plain(value) for name, value in asdict(options).items()})  # the commit that now runs
     results = compare(options, console)
     made = sections(results)
-    around = circumstances({name: plain(value) for name, value in asdict(options).items()})
     save(options.out, options.name, made, [result for _, result in results], around, page_too=False)
     for section in made:
         console.print(screen_table(section))
