@@ -18,7 +18,7 @@ from parity.tables import HEADINGS, LEGEND, Section, cells, headline, percent, v
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 WORST_SHOWN = 8  # pictures of the plays that went furthest astray, for each rate and type
-OF_SOLVED = "\u2002of the solved ones"
+OF_SOLVED = "\u2002of those solved"
 PHYSICS: tuple[tuple[str, Callable[[Statistics], float]], ...] = (
     ("energy at the end", lambda side: side.kinetic[-1] + side.potential[-1]),
     ("most kinetic", lambda side: side.kinetic.max()),
@@ -91,12 +91,12 @@ def _cards(tables: Sequence[Section]) -> str:
     for section in tables:
         row = section.overall
         facts = [
-            ("plays, solved by pymunk", f"{row.plans}, {row.solved}"),
-            ("equal bit for bit", f"{percent(row.identical)} %"),
+            ("plays, solved", f"{row.plans}, {row.solved}"),
+            ("bit for bit", f"{percent(row.identical)} %"),
             ("within 1e-6 px", f"{percent(row.within(1e-6))} %"),
             (OF_SOLVED, f"{percent(row.share_solved)} %"),
             ("within 1 px", f"{percent(row.within(1.0))} %"),
-            ("same success step", f"{percent(row.same_step)} %"),
+            ("same step", f"{percent(row.same_step)} %"),
             (OF_SOLVED, f"{percent(row.same_step_solved)} %"),
         ]
         cards.append(_card(f"Ours, {section.dtype}", facts))
@@ -108,7 +108,7 @@ def _cards(tables: Sequence[Section]) -> str:
                     ("within 1e-9 px", f"{percent(row.within(1e-9))} %"),
                     ("within 1e-6 px", f"{percent(row.within(1e-6))} %"),
                     ("within 1 px", f"{percent(row.within(1.0))} %"),
-                    ("same success step", f"{percent(row.same_step)} %"),
+                    ("same step", f"{percent(row.same_step)} %"),
                     (OF_SOLVED, f"{percent(row.same_step_solved)} %"),
                 ],
             )
@@ -210,7 +210,7 @@ def _worst(results: Sequence[GameResult], title: str) -> list[str]:
         '<span class="key moves"></span>moving bar<span class="key red"></span>ball, where they start</p>'
     )
     return [
-        f"<details{' open' if 'float64' in title else ''}><summary>Worst plays, {escape(title)}</summary>",
+        f"<details open><summary>Worst plays, {escape(title)}</summary>",
         key,
         f'<div class="charts">{"".join(figures)}</div></details>',
     ]

@@ -83,7 +83,7 @@ def cells(row: Summary) -> tuple[str, ...]:
         row.name,
         str(row.plans),
         str(row.solved),
-        f"{row.max_error:.1e}",
+        f"{row.max_error:.1e}" if row.max_error else "0",
         *(percent(share) for share in (row.identical, *row.shares, row.same_flag, row.same_step)),
         percent(row.same_flag_solved),
         percent(row.same_step_solved),
