@@ -8,7 +8,7 @@ ADAPTERS_VENV := build/adapters-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-official test-adapters wheel bench clean
+.PHONY: help venv run test lint parity parity-random golden parity-official test-adapters wheel bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -39,6 +39,12 @@ lint: .venv/.stamp ## ruff and mypy only
 
 parity: .venv/.stamp ## compare every game with pymunk, over whole runs
 	$(PY) -m parity
+
+parity-random: .venv/.stamp ## compare 2000 random scenes with pymunk; a run that was killed goes on where it was
+	$(PY) -m parity.random_run
+
+golden: .venv/.stamp ## write the golden files of tests/parity anew, from pymunk
+	$(PY) -m parity.golden
 
 parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
 	$(PYTHON) -m venv $(OFFICIAL_VENV)
