@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
@@ -27,11 +27,11 @@ _VECTOR = 16  # lanes come in multiples of a vector register's numbers, or the l
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Group:
-    """Worlds of one topology. Every array has chunks before and lanes behind its own axes."""
+class Chunk:
+    """Worlds of one topology side by side. Every array has lanes behind its own axes."""
 
     kind: int = field(metadata={"static": True})  # index of the topology in the environment's mixture
-    worlds: int = field(metadata={"static": True})  # those in use, the first ones; spare lanes follow
+    worlds: int = field(metadata={"static": True})  # lanes in use, the first ones; spare ones repeat the last
     game: jax.Array  # () int32, row of the parameters
     world: World
     features: Features
@@ -45,7 +45,7 @@ class Group:
 class Batch:
     """B worlds under way, sorted by topology, then by game."""
 
-    groups: tuple[Group, ...]
+    chunks: tuple[Chunk, ...]
 
     @classmethod
     def of(cls, environment: Environment, params: EnvParams, games: npt.ArrayLike) -> Batch:
@@ -65,58 +65,63 @@ class Batch:
         if rows.min() < 0 or rows.max() >= params.games:
             raise ValueError(f"games: expected rows of {params.games} games, got {rows.min()} to {rows.max()}")
         kinds = np.asarray(params.table.kind)[rows]
-        return cls(tuple(_group(environment, params, k, np.sort(rows[kinds == k])) for k in np.unique(kinds).tolist()))
+        chunks: list[Chunk] = []
+        with jax.enable_x64(environment.dtype == "float64"):
+            for kind in np.unique(kinds).tolist():
+                chunks += _chunks(environment, params, kind, np.sort(rows[kinds == kind]))
+        return cls(tuple(chunks))
 
     @property
-    def worlds(self) -> int:
-        """Number of worlds B."""
-        return sum(group.worlds for group in self.groups)
+    def sizes(self) -> tuple[int, ...]:
+        """Worlds of each chunk; B together."""
+        return tuple(chunk.worlds for chunk in self.chunks)
 
     @property
     def game(self) -> jax.Array:
         """The game of each world, (B,) int32, rows of the parameters."""
-        return self.by_world([group.game for group in self.groups])
-
-    def by_world(self, parts: Sequence[Tree], axis: int = 0) -> Tree:
-        """Join the groups' arrays (chunks, ..., lanes), one tree for each, to arrays with the worlds in one axis."""
-
-        def join(*leaves: jax.Array) -> jax.Array:
-            return jnp.concatenate([_in_one_axis(leaf, axis, n) for leaf, n in zip(leaves, sizes, strict=True)], axis)
-
-        sizes = [group.worlds for group in self.groups]
-        return jax.tree.map(join, *parts)
+        return joined([chunk.game for chunk in self.chunks], self.sizes, 0)
 
 
-def _group(environment: Environment, params: EnvParams, kind: int, rows: npt.NDArray[np.integer[Any]]) -> Group:
-    """Lay out worlds of one topology; spare lanes repeat the last one."""
+@partial(jax.jit, static_argnums=(1, 2))
+def joined(parts: Sequence[Tree], worlds: tuple[int, ...], axis: int) -> Tree:
+    """Join trees of arrays, one for each chunk with all its lanes in an axis, without the spare lanes."""
+
+    def join(*leaves: jax.Array) -> jax.Array:
+        used = zip(leaves, worlds, strict=True)
+        return jnp.concatenate([jax.lax.slice_in_dim(leaf, 0, count, axis=axis) for leaf, count in used], axis)
+
+    return jax.tree.map(join, *parts)
+
+
+def _chunks(
+    environment: Environment, params: EnvParams, kind: int, rows: npt.NDArray[np.integer[Any]]
+) -> Iterator[Chunk]:
+    """Lay out worlds of one topology, in chunks of equally many lanes."""
     mixture = environment.mixture
     most = LANES if jax.default_backend() == "cpu" else LANES_OF_DEVICE
-    chunks = -(-len(rows) // most)
-    lanes = -(-len(rows) // (chunks * _VECTOR)) * _VECTOR
-    game = np.concatenate([rows, np.repeat(rows[-1:], chunks * lanes - len(rows))]).reshape(chunks, lanes)
-
-    def laid_out(table: Tree, cut: Callable[[Tree], Tree]) -> Tree:
-        """Return rows of a table as chunks of lanes without what fills them up to the mixture's largest."""
-        whole = jax.tree.map(np.asarray, table)
-        each = [cut(jax.tree.map(lambda leaf: np.moveaxis(leaf[k], 0, -1), whole)) for k in game]  # noqa: B023
-        return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *each)
-
-    with jax.enable_x64(environment.dtype == "float64"):
-        start = laid_out(params.start, mixture.progresses[kind].cut)
-        return Group(
+    lanes = -(-len(rows) // (-(-len(rows) // most) * _VECTOR)) * _VECTOR
+    tables = jax.tree.map(np.asarray, (params.world, params.features, params.start))
+    for begin in range(0, len(rows), lanes):
+        here = rows[begin : begin + lanes]
+        game = np.concatenate([here, np.repeat(here[-1:], lanes - len(here))])
+        world, features, start = jax.tree.map(partial(_in_lanes, game), tables)
+        start = _on_device(mixture.progresses[kind].cut, start)
+        yield Chunk(
             kind=kind,
-            worlds=len(rows),
+            worlds=len(here),
             game=jnp.asarray(game, jnp.int32),
-            world=laid_out(params.world, mixture.worlds[kind].cut),
-            features=laid_out(params.features, partial(own_features, topology=mixture.topologies[kind])),
+            world=_on_device(mixture.worlds[kind].cut, world),
+            features=_on_device(partial(own_features, topology=mixture.topologies[kind]), features),
             start=start,
             progress=start,
-            used=jnp.zeros((chunks, MAX_ELIMINABLE, lanes), bool),
+            used=jnp.zeros((MAX_ELIMINABLE, lanes), bool),
         )
 
 
-def _in_one_axis(leaf: jax.Array, axis: int, worlds: int) -> jax.Array:
-    """Return an array (chunks, ..., lanes) with chunks and lanes joined to one axis, as long as there are worlds."""
-    leaf = jnp.moveaxis(jnp.moveaxis(leaf, 0, -2), (-2, -1), (axis, axis + 1))
-    leaf = leaf.reshape(*leaf.shape[:axis], -1, *leaf.shape[axis + 2 :])
-    return jax.lax.slice_in_dim(leaf, 0, worlds, axis=axis)
+def _in_lanes(rows: npt.NDArray[np.integer[Any]], table: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.moveaxis(table[rows], 0, -1)
+
+
+def _on_device(cut: Callable[[Tree], Tree], tree: Tree) -> Tree:
+    """Cut off what fills arrays up to the mixture's largest, and put them on the device."""
+    return jax.tree.map(jnp.asarray, cut(tree))

@@ -41,7 +41,7 @@ def scan(turn: Callable[[Carry, jax.Array], tuple[Carry, Record]], start: Carry,
 def _table_of(dtype: Any) -> str:  # noqa: ANN401  # whatever has a dtype's name
     """Return the type of the table for values of a type: words hold everything up to 32 bits."""
     dtype = jnp.dtype(dtype)
-    return str(_WORD if dtype.itemsize == _WORD.itemsize or dtype == bool else dtype)
+    return str(_WORD if dtype.itemsize == _WORD.itemsize or dtype.kind == "b" else dtype)
 
 
 def _written(record: Record) -> dict[str, jax.Array]:
@@ -67,4 +67,4 @@ def _read(tables: dict[str, jax.Array], form: Record) -> Record:
         begin[table] += count
         part = part != 0 if leaf.dtype == bool else jax.lax.bitcast_convert_type(part, leaf.dtype)
         read.append(part.reshape(part.shape[0], *leaf.shape))
-    return structure.unflatten(read)
+    return jax.tree.unflatten(structure, read)
