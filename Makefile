@@ -43,7 +43,8 @@ parity: .venv/.stamp ## compare every game with pymunk, over whole runs
 parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
 	$(PYTHON) -m venv $(OFFICIAL_VENV)
 	$(OFFICIAL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'iphyre==0.2.3' 'pymunk==6.11.1' 'numpy<2' pygame
-	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz
+	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz --pictures build/pictures.npz
+	$(PY) -m parity.pictures build/pictures.npz build/pictures.png
 	$(PY) -m parity.environments build/official.npz
 
 wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras
