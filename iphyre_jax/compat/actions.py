@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.mixture import Games, Mixture, Stretch, start
+from iphyre_jax.envs.mixture import Games, Mixture
+from iphyre_jax.envs.stretches import Stretch, start
 from iphyre_jax.physics.types import Timing, World
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.rollouts import Outcome

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.features import Features, own_features
-from iphyre_jax.envs.mixture import LANES, LANES_OF_DEVICE
 from iphyre_jax.envs.params import EnvParams
+from iphyre_jax.envs.sorting import most_lanes
 from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import Progress
 from iphyre_jax.scenes import MAX_ELIMINABLE
@@ -98,8 +98,8 @@ def _chunks(
 ) -> Iterator[Chunk]:
     """Lay out worlds of one topology, in chunks of equally many lanes."""
     mixture = environment.mixture
-    most = LANES if jax.default_backend() == "cpu" else LANES_OF_DEVICE
-    lanes = -(-len(rows) // (-(-len(rows) // most) * _VECTOR)) * _VECTOR
+    count = -(-len(rows) // most_lanes())
+    lanes = -(-len(rows) // (count * _VECTOR)) * _VECTOR
     tables = jax.tree.map(np.asarray, (params.world, params.features, params.start))
     for begin in range(0, len(rows), lanes):
         here = rows[begin : begin + lanes]

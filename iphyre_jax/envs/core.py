@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, Features, motion, official_rows, standing
-from iphyre_jax.envs.mixture import Mixture, Stretch
+from iphyre_jax.envs.mixture import Mixture
 from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, row
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
+from iphyre_jax.envs.stretches import Stretch
 from iphyre_jax.physics.types import World
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.rollouts import Outcome, Progress

@@ -30,7 +30,7 @@ from iphyre_jax.envs import records
 from iphyre_jax.envs.batch import Batch, Chunk, joined
 from iphyre_jax.envs.core import Environment, Info
 from iphyre_jax.envs.features import standing
-from iphyre_jax.envs.mixture import Stretch, play_lanes
+from iphyre_jax.envs.stretches import Stretch, play_lanes
 from iphyre_jax.programs import run_all
 from iphyre_jax.rollouts import Progress
 from iphyre_jax.scenes.build import timing

@@ -1,6 +1,7 @@
 """Random valid scenes of every kind of body, joint and contact stay finite, and static bars stay where they are.
 
-`make test` plays a sample, `make fuzz` ten thousand: IPHYRE_JAX_FUZZ=10000.
+A static bar has no state that a step could change but whether it is there (`State.alive`), so what is looked at is that
+as many are gone as the plan has removed. `make test` plays a sample, `make fuzz` ten thousand: IPHYRE_JAX_FUZZ=10000.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from iphyre_jax.scenes.random_scenes import KINDS, STARTS, random_scene
 STEPS, FPS = 150, 10
 SAMPLE = (0, 5, 16)  # kinds whose programs the default suite compiles
 COUNT = int(os.environ.get("IPHYRE_JAX_FUZZ", "0"))
+if COUNT:
+    iphyre_jax.configure()
 
 
 def scenes_of(kind: int, count: int) -> list[Scene]:
@@ -43,16 +46,11 @@ def test_random_scenes_stay_finite(kind: int) -> None:
             scenes, np.arange(len(scenes)), plan, fps=FPS, duration=STEPS / FPS, dtype=dtype
         )
         assert not (played.fault == 2).any(), "a world is no longer finite"
-        assert np.isfinite(played.reward).all()
+        removed = ((plan >= 0) & (plan < played.steps[:, None])).sum(axis=1)
+        np.testing.assert_array_equal(played.eliminations, removed)
         overflowing = Counter(STARTS[k % len(STARTS)] for k in np.flatnonzero(played.fault == 1))
         print(
             f"kind {kind} {dtype}: {len(scenes)} scenes, {played.success.sum()} solved, overflows {dict(overflowing)}"
         )
         # Only objects that lie across each other from the start may need more contact points than there are slots.
         assert set(overflowing) <= {"overlapping"}
-    for scene in scenes[: 20 if COUNT else 3]:  # poses, object by object
-        poses = iphyre_jax.simulate(scene, plan[:1] * 0 - 1, fps=FPS, duration=STEPS / FPS, sample_every=10).samples
-        assert poses is not None
-        assert np.isfinite(poses).all()
-        static = np.flatnonzero(~scene.dynamic)
-        np.testing.assert_array_equal(poses[0, :, static], poses[0, :1, static].repeat(poses.shape[1], axis=1))
