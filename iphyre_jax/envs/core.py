@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, Features, motion, official_rows, standing
 from iphyre_jax.envs.mixture import Mixture
@@ -96,13 +97,12 @@ class Environment:
         Returns:
             As `reset`.
         """
-        self._check_dtype()
+        self.check_dtype()
         state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(MAX_ELIMINABLE, bool))
         return self.observe(state, params), state
 
-    @partial(jax.jit, static_argnums=0)
     def step(
-        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+        self, key: jax.Array, state: EnvState, action: ArrayLike, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         """Play one decision.
 
@@ -111,15 +111,26 @@ class Environment:
         Args:
             key: random key for the game that follows under autoreset.
             state: of the episode.
-            action: a member of `action_space`; other numbers, NaN included, do nothing.
+            action: a member of `action_space`; numbers beyond it, NaN included, do nothing.
             params: the games.
 
         Returns:
             The observation, the state, the reward (() float32: 1000 if solved, -10 a removed block, -1 a second), the
             official flags terminated and truncated (() bool) and the info of the transition: `info` of the state before
             any reset.
+
+        Raises:
+            ValueError: the action has another shape or type than the space, or JAX not the physics' type; one line.
         """
-        self._check_dtype()
+        self.check_dtype()
+        out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
+        out = self._step(key, state, self.action_space().array(action), params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _step(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         after, reward = self._play(state, action, params)
         ending = self.ending(after.progress)
         info = self.info(after, params)
@@ -229,7 +240,8 @@ class Environment:
         ending = self.ending(progress)
         return ending.terminated | ending.truncated
 
-    def _check_dtype(self) -> None:
+    def check_dtype(self) -> None:
+        """Raise ValueError, one line, where JAX does not have the physics' dtype."""
         if jax.dtypes.canonicalize_dtype(self.dtype) != self.dtype:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 

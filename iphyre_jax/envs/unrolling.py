@@ -83,9 +83,11 @@ def unroll(
         The batch as it is then, and the steps.
 
     Raises:
-        ValueError: decisions is no whole number of at least 1; one line.
+        ValueError: decisions is no whole number of at least 1, or a float64 environment meets a JAX without x64; one
+            line.
     """
     _check(decisions)
+    environment.check_dtype()
     play = partial(_play, environment, policy, decisions, weights)
     jobs = zip(batch.chunks, jax.random.split(key, len(batch.chunks)), strict=True)
     played: list[tuple[_Now, Steps]] = []
@@ -171,6 +173,7 @@ def _decide(
     step = before.state.step
     seen = environment.view(chunk.features, chunk.world, before)
     action, extras = jax.vmap(policy, in_axes=(0, -1), out_axes=-1)(keys, seen)
+    action = environment.action_space().array(action, step.shape)
     blocks = standing(chunk.world, before)
     order = environment.strategy.order(action, step, used, blocks, environment.protocol)
     ended = environment.has_ended(before)

@@ -14,7 +14,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax import load_scene, make
 from iphyre_jax.envs import make_params
-from iphyre_jax.envs.strategies import OnTheFly
+from iphyre_jax.envs.strategies import STRATEGIES, OnTheFly
 from iphyre_jax.observe import start_observation
 
 BATCH = 8
@@ -242,6 +242,35 @@ def test_bad_arguments_of_make_get_one_line(case: str) -> None:
     options, message = BAD[case]
     with pytest.raises(ValueError, match=message) as caught:
         make(**({"id": "in-advance/support-v1"} | options))
+    assert "\n" not in str(caught.value)
+
+
+ACTIONS: dict[str, tuple[str, Any, str]] = {
+    "text": ("on-the-fly", "1", "expected whole numbers, got dtype"),
+    "none": ("on-the-fly", None, "expected whole numbers, got dtype object"),
+    "half": ("on-the-fly", 0.5, "expected whole numbers, got dtype float64"),
+    "flag": ("on-the-fly", True, "expected whole numbers, got dtype bool"),
+    "two": ("on-the-fly", np.zeros(2, np.int32), "expected shape (), got (2,)"),
+    "one time": ("in-advance", 0.5, "expected shape (6,), got ()"),
+    "five times": ("in-advance", np.zeros(5), "expected shape (6,), got (5,)"),
+    "seven times": ("combined", np.zeros(7), "expected shape (6,), got (7,)"),
+    "rows": ("combined", np.zeros((6, 1)), "expected shape (6,), got (6, 1)"),
+    "ragged": ("combined", [[1], [1, 2]], "expected an array, got rows of unequal length"),
+    "words": ("in-advance", ["a"] * 6, "expected numbers, got dtype <U1"),
+    "complex": ("in-advance", np.zeros(6, complex), "expected numbers, got dtype complex128"),
+    "object": ("in-advance", {"a": 1}, "expected numbers, got dtype object"),
+}
+
+
+@pytest.mark.parametrize("case", ACTIONS)
+def test_bad_actions_get_one_line_before_jax_sees_them(case: str) -> None:
+    strategy, action, message = ACTIONS[case]
+    env, params = environment()
+    env = replace(env, strategy=STRATEGIES[strategy])
+    state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]  # nothing is compiled
+    with pytest.raises(ValueError) as caught:
+        env.step(jax.random.key(0), state, action, params)
+    assert str(caught.value).startswith(f"action: {message}")
     assert "\n" not in str(caught.value)
 
 

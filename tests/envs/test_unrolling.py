@@ -1,8 +1,8 @@
-"""Many decisions in lanes against the environment's own step, for every strategy, mixed and alone."""
+"""Many decisions in lanes against the environment's own step; in advance, `test_evaluation` has them."""
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.envs import Batch, observations, records, unroll, unroll_on_threads
-from iphyre_jax.envs.strategies import STRATEGIES
+from iphyre_jax.envs import Batch, Steps, observations, records, unroll, unroll_on_threads
 
-GAMES = np.repeat([1, 0], [5, 4])  # in any order; they lie sorted in the batch
-DECISIONS = {"in-advance": 1, "on-the-fly": 60, "combined": 3}
 COUNTERS = ("success", "fault", "eliminations", "time")
 
 
@@ -25,38 +22,40 @@ def two() -> str:
     return "unrolled-v1"
 
 
-def policy(space: Any, weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
-    action = space.sample(key)
-    if action.dtype == jnp.int32:  # a removal now and then
-        action = jnp.where(jax.random.uniform(key) < weights, action, 0)
-    return action, {"seen": seen}
+def hasty(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+    """Choose a slot now and then."""
+    action = jax.random.randint(key, (), 0, 7, jnp.int32)
+    return jnp.where(jax.random.uniform(key) < weights, action, 0), {"seen": seen}
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_unrolled_worlds_are_those_of_step(strategy: str, two: str) -> None:
-    env, params = iphyre_jax.make(f"{strategy}/{two}")
-    batch = Batch.of(env, params, GAMES)
-    np.testing.assert_array_equal(batch.game, np.sort(GAMES))
-    acting = partial(policy, env.action_space())
-    decisions = DECISIONS[strategy]
-    after, steps = unroll_on_threads(env, acting, np.float32(0.2), batch, jax.random.key(3), decisions=decisions)
+def early(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+    """Plan anything."""
+    return jax.random.uniform(key, (6,)) * weights, {"seen": seen}
 
-    still = iphyre_jax.make(f"{strategy}/{two}", autoreset=False)[0]
 
-    def alone(state: Any, action: jax.Array) -> Any:
+def stepped(env: Any, params: Any, games: jax.Array, actions: jax.Array) -> Any:
+    """Play actions (T, B, ...) by `step`; what has ended begins anew with its own game if the environment says so."""
+    still = replace(env, autoreset=False)
+
+    def one(state: Any, action: jax.Array) -> Any:
         out = jax.vmap(still.step, in_axes=(None, 0, 0, None))(jax.random.key(0), state, action, params)
-        fresh = jax.vmap(still.reset_to, in_axes=(0, None))(state.game, params)
-        done = out[3] | out[4]
-        pick = lambda new, old: jnp.where(done.reshape(-1, *(1,) * (old.ndim - 1)), new, old)  # noqa: E731
-        seen, state = jax.tree.map(pick, fresh, (out[0], out[1]))
-        return state, (seen, *out[2:])
+        going = out[0], out[1]
+        if env.autoreset:
+            fresh = jax.vmap(still.reset_to, in_axes=(0, None))(games, params)
+            done = out[3] | out[4]
+            going = jax.tree.map(
+                lambda new, old: jnp.where(done.reshape(-1, *(1,) * (old.ndim - 1)), new, old), fresh, going
+            )
+        return going[1], (going[0], *out[2:])
 
-    seen, state = jax.vmap(env.reset_to, in_axes=(0, None))(batch.game, params)
-    _, (later, reward, terminated, truncated, info) = jax.jit(partial(jax.lax.scan, alone))(state, steps.action)
+    seen, state = jax.vmap(still.reset_to, in_axes=(0, None))(games, params)
+    return seen, jax.jit(lambda state: jax.lax.scan(one, state, actions)[1])(state)
+
+
+def assert_same(env: Any, params: Any, batch: Batch, after: Batch, steps: Steps) -> None:
+    seen, (later, reward, terminated, truncated, info) = stepped(env, params, batch.game, steps.action)
     np.testing.assert_array_equal(steps.terminated, terminated)
     np.testing.assert_array_equal(steps.truncated, truncated)
-    assert (steps.terminated | steps.truncated).any()
-    assert steps.played.all()
     np.testing.assert_allclose(steps.reward, reward, rtol=1e-6, atol=1e-4)
     np.testing.assert_allclose(steps.extras["seen"], jnp.concatenate([seen[None], later[:-1]]), atol=1e-6)
     np.testing.assert_allclose(observations(env, after), later[-1], atol=1e-6)
@@ -64,14 +63,24 @@ def test_unrolled_worlds_are_those_of_step(strategy: str, two: str) -> None:
         np.testing.assert_allclose(steps.info[name], info[name], rtol=1e-6)
 
 
-def test_a_pure_unroll_is_one_on_threads_and_episodes_end(two: str) -> None:
+def test_a_mixture_on_the_fly_is_played_as_step_plays_it(two: str) -> None:
+    env, params = iphyre_jax.make(f"on-the-fly/{two}")
+    batch = Batch.of(env, params, np.repeat([1, 0], [5, 4]))
+    np.testing.assert_array_equal(batch.game, np.repeat([0, 1], [4, 5]))  # sorted
+    after, steps = unroll_on_threads(env, hasty, np.float32(0.2), batch, jax.random.key(3), decisions=60)
+    assert_same(env, params, batch, after, steps)
+    assert (steps.terminated | steps.truncated).any()
+    assert steps.played.all()
+
+
+def test_whole_episodes_combined_and_the_pure_form() -> None:
     """Without autoreset, from the start, as many decisions as an episode may take are whole episodes."""
-    env, params = iphyre_jax.make(f"combined/{two}", autoreset=False)
-    batch, acting = Batch.of(env, params, GAMES), partial(policy, env.action_space())
-    decisions, key = env.strategy.decisions, jax.random.key(0)
-    _, one = unroll_on_threads(env, acting, (), batch, key, decisions=decisions)
-    _, other = jax.jit(lambda batch, key: unroll(env, acting, (), batch, key, decisions=decisions))(batch, key)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+    env, params = iphyre_jax.make("combined/support-v1", autoreset=False)
+    batch, key, decisions = Batch.of(env, params, np.zeros(20, int)), jax.random.key(0), env.strategy.decisions
+    after, one = unroll_on_threads(env, early, np.float32(0.5), batch, key, decisions=decisions)
+    assert_same(env, params, batch, after, one)
+    pure = jax.jit(lambda batch, key: unroll(env, early, np.float32(0.5), batch, key, decisions=decisions))
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(pure(batch, key)[1]), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
     ended = np.asarray(one.terminated | one.truncated)
     assert ended[-1].all()
@@ -109,4 +118,4 @@ def test_bad_batches_get_one_line(two: str) -> None:
     batch = Batch.of(env, params, [0])
     for decisions in (0, True, 1.5):
         with pytest.raises(ValueError, match=r"^decisions: expected a whole number"):
-            unroll(env, policy, (), batch, jax.random.key(0), decisions=decisions)
+            unroll(env, hasty, (), batch, jax.random.key(0), decisions=decisions)
