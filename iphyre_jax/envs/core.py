@@ -163,8 +163,7 @@ class Environment:
         seen.append(features.candidates.reshape(-1, *lanes))
         if self.observation == "motion":
             seen.append(motion(features, progress, self.protocol))
-        # Joined and computed in one loop, every number would be chosen among the parts by a branch.
-        return jnp.concatenate(jax.lax.optimization_barrier(seen))
+        return jnp.concatenate(seen)
 
     def info(self, state: EnvState, params: EnvParams) -> Info:
         """Return what there is to know of a state beside its observation; the tree of `step` and after `reset` alike.
