@@ -8,7 +8,7 @@ ADAPTERS_VENV := build/adapters-venv
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-random golden parity-official test-adapters wheel bench clean
+.PHONY: help venv run test lint parity parity-random golden parity-official test-environments fuzz test-adapters wheel bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -26,6 +26,12 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
+
+test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment, which takes long
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py
+
+fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number types
+	IPHYRE_JAX_FUZZ=10000 $(PY) -m pytest -s tests/scenes/test_fuzz.py
 
 test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
@@ -49,7 +55,8 @@ golden: .venv/.stamp ## write the golden files of tests/parity anew, from pymunk
 parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
 	$(PYTHON) -m venv $(OFFICIAL_VENV)
 	$(OFFICIAL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'iphyre==0.2.3' 'pymunk==6.11.1' 'numpy<2' pygame
-	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz
+	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz --pictures build/pictures.npz
+	$(PY) -m parity.pictures build/pictures.npz build/pictures.png
 	$(PY) -m parity.environments build/official.npz
 
 wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras

@@ -35,7 +35,7 @@ _SWING: Final = 6.0  # px, height of a crest
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Drawing:
-    """What a picture shows; N objects, J joints, P springs, lengths in px of the scene."""
+    """What a picture shows; N objects in the order of painting, J joints, P springs, lengths in px of the scene."""
 
     ends: jax.Array  # (N, 4) x1, y1, x2, y2; the centre twice for a ball
     radius: jax.Array  # (N,)
@@ -54,6 +54,11 @@ def colours(ball: jax.Array, eliminable: jax.Array, dynamic: jax.Array) -> jax.A
     kinds = [jnp.asarray(kind, jnp.float32) for kind in (BALL, ELIMINABLE, MOVING, FIXED)]
     pick = jnp.select([ball, eliminable, dynamic], [jnp.full(ball.shape, k, jnp.int32) for k in range(3)], 3)
     return jnp.stack(kinds)[pick]
+
+
+def painting_order(dynamic: jax.Array) -> jax.Array:
+    """Return the order of painting, (N,) int32: that view shows static objects above those that move."""
+    return jnp.argsort(~dynamic, stable=True).astype(jnp.int32)
 
 
 @partial(jax.jit, static_argnums=1)

@@ -83,3 +83,8 @@ GOLDEN_IDENTICAL = 0.9
 # Observations of the environments, lengths being divided by 600 px: float32 resolves 6e-8 there, and in float64 the
 # poses agree to 1e-6 px.
 OBSERVATION = 1e-6
+
+# Pictures of the starts, shares of pixels of another colour. Our edges are anti-aliased, the official ones are not;
+# away from edges and marks there are springs, whose zigzag differs, and slanted bars, which pygame draws thinner.
+PICTURE_ALL = 0.01
+PICTURE_INNER = 0.001
