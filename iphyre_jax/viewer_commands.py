@@ -136,8 +136,15 @@ def render(command: Render, console: Console) -> None:
         frame = -1 if command.frame is None else command.frame
         save(command.out, play, _look(command, 600), frame=frame, hold=command.hold)
         state = "solved" if play.success else "not solved"
-        console.print(f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}", markup=False)
-    console.print(f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB", markup=False, highlight=False)
+        console.print(
+            f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
+    console.print(
+        f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB", markup=False, highlight=False, soft_wrap=True
+    )
 
 
 def _look(command: Render, size: int) -> Look:
@@ -191,9 +198,9 @@ def replay(command: Replay, console: Console) -> None:
     with console.status(f"playing {len(chosen)} plans"):
         changed = write_replay(command.out, chosen, title=command.title)
     for line in changed:
-        console.print(line, markup=False, highlight=False)
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     size = command.out.stat().st_size / 1000
-    console.print(f"{command.out}: {len(chosen)} plays, {size:.0f} kB", markup=False, highlight=False)
+    console.print(f"{command.out}: {len(chosen)} plays, {size:.0f} kB", markup=False, highlight=False, soft_wrap=True)
 
 
 def play(command: PlayPage, console: Console) -> None:
@@ -209,7 +216,9 @@ def play(command: PlayPage, console: Console) -> None:
     session = Session(command.attempts, command.name)
     with PlayServer(Api(session, agents, scenes), secrets.token_urlsafe(24), command.port) as server:
         console.print(f"Play at {server.address}", markup=False, highlight=False, soft_wrap=True)
-        console.print(f"Attempts are added to {command.attempts}; Ctrl-C ends.", markup=False, highlight=False)
+        console.print(
+            f"Attempts are added to {command.attempts}; Ctrl-C ends.", markup=False, highlight=False, soft_wrap=True
+        )
         if command.open:
             webbrowser.open(server.address)
         server.serve_forever()
@@ -226,9 +235,14 @@ def evaluate_plays(path: Path, console: Console) -> None:
         recording = entry.record()
         groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
         if told := entry.differs(recording):
-            console.print(f"{entry.agent}, {entry.scene.name}: the file says {told}", markup=False, highlight=False)
+            console.print(
+                f"{entry.agent}, {entry.scene.name}: the file says {told}",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
     for (fps, agent), games in sorted(groups.items(), key=lambda group: group[0]):
-        console.print(f"{agent} at {fps} steps a second", markup=False, highlight=False)
+        console.print(f"{agent} at {fps} steps a second", markup=False, highlight=False, soft_wrap=True)
         console.print(_table(games, fps))
 
 

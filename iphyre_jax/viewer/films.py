@@ -129,7 +129,11 @@ def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
         raise ValueError(f"size: expected even numbers of px for a film in MP4, got {width} x {height}")
     shape = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps:g}", "-i", "-"]
     coding = ["-c:v", "libx264", "-preset", "veryfast", "-tune", "animation", "-crf", "20", "-pix_fmt", "yuv420p"]
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *shape, *coding, str(path)]
+    try:
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+    except RuntimeError as error:  # a platform without a bundled one
+        raise OSError(f"{path}: films in MP4 need ffmpeg, which imageio_ffmpeg does not find: {error}") from None
+    command = [program, "-y", "-loglevel", "error", *shape, *coding, str(path)]
     encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603 - our own arguments
     try:
         for one in chain([first], stream):

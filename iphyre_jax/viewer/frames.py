@@ -19,6 +19,7 @@ TRAIL_POINTS = 60  # a trail has at most so many lines
 MIN_SIZE, MAX_SIZE = 64, 2000  # px
 MAX_TITLE = 60  # characters
 MAX_SECONDS = 60
+ROOMY = 300  # px, from which on a caption has room for all
 
 Frame = npt.NDArray[np.uint8]
 
@@ -60,7 +61,7 @@ class Look:
     @property
     def caption_height(self) -> int:
         """Height of the line above a picture, px, an even number; 0 for none."""
-        return 2 * round(self.size * 0.03) + 4 if self.captions else 0
+        return max(18, 2 * round(self.size * 0.03) + 4) if self.captions else 0
 
 
 class Camera:
@@ -124,14 +125,13 @@ class Camera:
         colours, height, recording = self.colours, self.look.caption_height, self.recording
         whole = Image.new("RGB", (picture.width, picture.height + height), colours.background)
         whole.paste(picture, (0, height))
-        pen, letters = ImageDraw.Draw(whole), font(round(height * 0.5))
+        pen, letters = ImageDraw.Draw(whole), font(max(11, round(height * 0.5)))
         ground = blend(colours.text, colours.background, 0.06)
         pen.rectangle((0, 0, whole.width, height - 1), ground)
-        over = k == recording.steps and recording.steps > 0
-        state = f"{k / recording.fps:.2f} s"
-        colour = colours.quiet
-        if over:
-            state = f"{'solved' if recording.success else 'not solved'}  {recording.reward:.2f}  {state}"
+        state, colour = f"{k / recording.fps:.2f} s" if recording.steps else "", colours.quiet
+        if k == recording.steps and recording.steps > 0:
+            word = "solved" if recording.success else "not solved"
+            state = f"{word}  {recording.reward:.2f}  {state}" if self.look.size >= ROOMY else f"{recording.reward:.1f}"
             colour = colours.solved if recording.success else colours.failed
         left = round(height * 0.35)
         pen.text((left, height / 2), self.title, colours.text, letters, anchor="lm")

@@ -29,17 +29,8 @@ CONNECTIONS: Final = 32  # at once; a page needs some ten while it loads
 SECONDS: Final = 10.0  # for a request to arrive, and again for its answer to leave
 
 _TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-FILES: Final = (
-    "tape.js",
-    "stage.js",
-    "clock.js",
-    "deck.js",
-    "client.js",
-    "game.js",
-    "editor.js",
-    "play.js",
-    "style.css",
-)
+SCRIPTS: Final = ("tape.js", "stage.js", "clock.js", "deck.js", "client.js", "game.js", "editor.js", "play.js")
+FILES: Final = (*SCRIPTS, "style.css")
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
