@@ -180,7 +180,7 @@ class PlayPage {
     if (best) rows.push(["best plan known here", best.reward]);
     byId("scores").replaceChildren(...rows.map(([who, value, own]) => row(who, value, own)));
     const agents = Object.entries(figures.agents || {});
-    byId("agents").hidden = !agents.length;
+    byId("agents").hidden = byId("source").hidden = !agents.length;
     byId("agents").querySelector("table").replaceChildren(...agents.map(([who, value]) => row(who, value)));
   }
 
@@ -228,6 +228,7 @@ class PlayPage {
   /** Play the scene that is being drawn. */
   async runScene() {
     await this.take(structuredClone(this.editor.scene));
+    byId("game").selectedIndex = -1; // it is none of the list
     await this.mode("play");
   }
 
