@@ -28,7 +28,7 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
     shape = shapes.world_shapes(topology, world, moved)
     boxes = shapes.moving_boxes(topology, shape)
     broad = broadphase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
-    points, touching = contacts.collide(topology, world, shape, broad)
+    points, touching, side = contacts.collide(topology, world, shape, broad, moved.side)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(moved.motion, topology.moving)
@@ -46,6 +46,7 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
         moved,
         motion=solver.stack(motions),
         broad=broad,
+        side=side,
         cache=solver.remember(moved.cache, contact),
         pin_impulse=jnp.stack(pins) if pins else moved.pin_impulse,
         step=moved.step + 1,

@@ -228,6 +228,7 @@ class Order:
     static: jax.Array  # (n, S) int32, pairs of a moving body and a static bar
     moving: tuple[jax.Array, ...]  # () int32 for each of `topology.pairs`
     low_is_a: tuple[jax.Array, ...]  # () bool, whether the lower index of the pair has role a
+    by_owner: tuple[jax.Array, ...]  # () bool, whether the pair's owner was re-inserted in this step
 
     def of(self, topology: Topology, body: int, others: Sequence[int]) -> jax.Array:
         """Return the keys of a body's pairs with some moving bodies, then with all static bars, (others + S,)."""
@@ -248,7 +249,7 @@ def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
     first = world.static_counter.reshape(topology.moving, topology.statics, *rank.shape[1:])
     counter = jnp.where(inserted < 0, first, inserted + place)
     static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, place, c.newest - counter)) << 1
-    moving, low_is_a = [], []
+    moving, low_is_a, by_owner = [], [], []
     for p, (i, j) in enumerate(topology.pairs):
         i_owns = rank[i] > rank[j]
         fresh = jnp.where(i_owns, broad.updated[i], broad.updated[j])
@@ -257,4 +258,5 @@ def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
         inner = jnp.where(fresh, by_tree, c.newest - broad.pair_counter[p])
         moving.append(((owner << c.inner_bits) | inner) << 1)
         low_is_a.append(i_owns == fresh)
-    return Order(static, tuple(moving), tuple(low_is_a))
+        by_owner.append(fresh)
+    return Order(static, tuple(moving), tuple(low_is_a), tuple(by_owner))

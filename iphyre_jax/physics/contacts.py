@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.physics import broadphase, lanes, shapes
-from iphyre_jax.physics.narrowphase import Segment, Touch, circle_circle, circle_segment, segment_segment
+from iphyre_jax.physics import broadphase, gjk, lanes, shapes
+from iphyre_jax.physics.narrowphase import Touch, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.shapes import Ball, Bar, Shapes
-from iphyre_jax.physics.types import Box, BroadPhase, Topology, World
+from iphyre_jax.physics.types import Box, BroadPhase, Segment, Topology, World
 from iphyre_jax.physics.vector import Vec, dot
 
 KEY_NONE = np.int32(2**31 - 1)  # order key of a point that does not touch
@@ -75,7 +75,7 @@ class _Frame:
     shift: Vec | None  # px, takes the second body's bar into the frame; None: it is there
 
 
-Touches = tuple[_Frame, tuple[Touch, ...]]
+Touches = tuple[_Frame, tuple[Touch, ...], jax.Array | None]  # last: float64, two bars: the nearest side
 
 
 @dataclass(frozen=True)
@@ -85,33 +85,38 @@ class _Kind:
     pairs: tuple[tuple[int, int], ...]  # rows of the two tables
     bodies: tuple[tuple[int, int], ...]  # moving body, or STATIC_BODY
     first_id: int
-    info: jax.Array  # (pairs, 1 or 6) int32: key; for two bars whether the first has role a, and its four id classes
+    info: jax.Array  # (pairs, 1, 2 or 6) int32: key; with two balls or bars whether the first has role a; id classes
     tables: tuple[jax.Array, jax.Array]
-    touch: Callable[[jax.Array, jax.Array], Touches]
+    touch: Callable[[jax.Array, jax.Array, jax.Array, jax.Array | None], Touches]  # rows of tables, info and `side`
 
 
-def collide(topology: Topology, world: World, shape: Shapes, broad: BroadPhase) -> tuple[Points, jax.Array]:
-    """Return the touching points of every lane in solve order, (K,) rows, and how many there are (it may exceed K)."""
+def collide(
+    topology: Topology, world: World, shape: Shapes, broad: BroadPhase, side: jax.Array
+) -> tuple[Points, jax.Array, jax.Array]:
+    """Return the touching points of every lane in solve order, (K,) rows, and how many there are (it may exceed K).
+
+    Last is the new value of `side`, see `State.side`.
+    """
     order = broadphase.order(topology, world, broad)
-    kinds = (
-        _ball_bar(topology, shape, order),
-        _ball_ball(topology, shape, order),
-        _bar_bar(topology, world, shape, broad, order),
-    )
-    slots = _empty(topology.slots, shape.balls[0, 0])
-    for kind in kinds:
+    slots, none = _empty(topology.slots, shape.balls[0, 0]), side[:0]
+    for kind in (_ball_bar(topology, shape, order), _ball_ball(topology, shape, order)):
         if kind is not None:
-            slots = _visit(kind, slots)
-    return _in_order(slots), slots.total
+            slots, _ = _visit(kind, slots, none)
+    bars = _bar_bar(topology, world, shape, broad, order)
+    if bars is not None:
+        renewed, by_owner = _renewed(topology, broad, order)
+        slots, side = _visit(bars, slots, side if side.shape[0] == 0 else jnp.where(renewed, gjk.NO_SIDE, side))
+        side = side if side.shape[0] == 0 else jnp.where(by_owner, gjk.NO_SIDE, side)
+    return _in_order(slots), slots.total, side
 
 
 def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind:
     m, pairs = topology.bars, topology.ball_bar_pairs
 
-    def touch(ball_row: jax.Array, bar_row: jax.Array) -> Touches:
+    def touch(ball_row: jax.Array, bar_row: jax.Array, *_: jax.Array | None) -> Touches:
         ball, bar = shapes.ball(ball_row), shapes.bar(bar_row)
         frame = _frame(ball, bar)
-        return frame, (circle_segment(frame.first, ball.radius, _second_segment(bar, frame)),)
+        return frame, (circle_segment(frame.first, ball.radius, _second_segment(bar, frame)),), None
 
     keys = []
     for ball in range(topology.balls):
@@ -126,18 +131,21 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _K
     if not pairs:
         return None
 
-    def touch(first_row: jax.Array, second_row: jax.Array) -> Touches:
+    def touch(first_row: jax.Array, second_row: jax.Array, info: jax.Array, _: jax.Array | None) -> Touches:
         first, second = shapes.ball(first_row), shapes.ball(second_row)
         frame = _frame(first, second)
-        return frame, (circle_circle(frame.first, first.radius, frame.second, second.radius),)
+        return frame, (circle_circle(frame.first, first.radius, frame.second, second.radius, info[1] != 0),), None
 
-    keys = []
+    keys, first_is_a = [], []
     for i, j in pairs:
+        pair = topology.pairs.index((m + i, m + j))
         near = broadphase.overlap(*(_rows(shape.ball_box, k, k + 1) for k in (i, j)))
-        keys.append(jnp.where(near, order.moving[topology.pairs.index((m + i, m + j))][None], KEY_NONE))
+        keys.append(jnp.where(near[0], order.moving[pair], KEY_NONE))
+        first_is_a.append(order.low_is_a[pair])
+    info = [jnp.stack(keys), jnp.stack(first_is_a).astype(jnp.int32)]
     bodies = tuple((m + i, m + j) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs)
-    return _Kind(pairs, bodies, first_id, jnp.concatenate(keys)[:, None], (shape.balls, shape.balls), touch)
+    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.balls, shape.balls), touch)
 
 
 def _bar_bar(
@@ -147,10 +155,10 @@ def _bar_bar(
     if not pairs:
         return None
 
-    def touch(first_row: jax.Array, second_row: jax.Array) -> Touches:
+    def touch(first_row: jax.Array, second_row: jax.Array, info: jax.Array, side: jax.Array | None) -> Touches:
         first, second = shapes.bar(first_row), shapes.bar(second_row)
         frame = _frame(first, second)
-        return frame, segment_segment(first.segment, _second_segment(second, frame))
+        return frame, *segment_segment(first.segment, _second_segment(second, frame), info[1] != 0, side)
 
     keys, first_is_a = [], []
     for bar in range(m):
@@ -167,6 +175,19 @@ def _bar_bar(
     bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs) + len(topology.ball_pairs)
     return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.bars, shape.bars), touch)
+
+
+def _renewed(topology: Topology, broad: BroadPhase, order: broadphase.Order) -> tuple[jax.Array, jax.Array]:
+    """Return for each pair of bars whether it was inserted anew in this step, and whether its owner did so.
+
+    A new pair remembers no side. If its owner inserted it, the reference also forgets the side found in this step.
+    """
+    m, either, by_owner = topology.bars, [], []
+    for bar in range(m):
+        static = [broad.updated[bar]] * topology.statics
+        either += [*(broad.updated[bar] | broad.updated[other] for other in range(bar + 1, m)), *static]
+        by_owner += [*(order.by_owner[topology.pairs.index((bar, other))] for other in range(bar + 1, m)), *static]
+    return jnp.stack(either), jnp.stack(by_owner)
 
 
 def _rows(box: Box, start: int, stop: int | None) -> Box:
@@ -193,37 +214,46 @@ def _empty(slots: int, like: jax.Array) -> _Slots:
     return _Slots(whole + KEY_NONE, points, jnp.zeros_like(whole[0]))
 
 
-def _visit(kind: _Kind, slots: _Slots) -> _Slots:
-    """Append the touching points of the candidates of one kind."""
+def _visit(kind: _Kind, slots: _Slots, side: jax.Array) -> tuple[_Slots, jax.Array]:
+    """Append the touching points of the candidates of one kind; `side` as in `State`."""
     rows, bodies = jnp.asarray(np.array(kind.pairs, np.int32)), jnp.asarray(np.array(kind.bodies, np.int32))
-    Loop = tuple[tuple[jax.Array, ...], _Slots]
+    Loop = tuple[tuple[jax.Array, ...], _Slots, jax.Array]
 
     def body(loop: Loop) -> Loop:
-        words, slots = loop
+        words, slots, side = loop
         pair, words = lanes.take_first(words)
         one, two = (lanes.read(table, rows[pair, end]) for end, table in enumerate(kind.tables))
         info, bits = lanes.read(kind.info, pair), 2 * BODY_BITS
         tag = ((4 * (kind.first_id + pair)) << bits) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
-        frame, touches = kind.touch(one, two)
+        before = lanes.read(side, pair) if side.shape[0] else None
+        frame, touches, after = kind.touch(one, two, info, before)
+        if before is not None and after is not None:
+            side = lanes.write(side, pair, jnp.where(info[0] == KEY_NONE, before, after))
         for place, touch in enumerate(touches):
-            slots = _append(slots, _key(info, place, touch), tag + (_id_class(info, touch) << bits), frame, touch)
-        return words, slots
+            slots = _append(
+                slots,
+                _key(info, place if len(touches) > 1 else None, touch),
+                tag + (_id_class(info, touch) << bits),
+                frame,
+                touch,
+            )
+        return words, slots, side
 
     words = lanes.any_lane(kind.info[:, 0] != KEY_NONE)
-    return jax.lax.while_loop(lambda loop: lanes.any_set(loop[0]), body, (words, slots))[1]
+    return jax.lax.while_loop(lambda loop: lanes.any_set(loop[0]), body, (words, slots, side))[1:]
 
 
-def _key(info: jax.Array, place: int, touch: Touch) -> jax.Array:
+def _key(info: jax.Array, place: int | None, touch: Touch) -> jax.Array:
     """Return the order key of a point, KEY_NONE if it does not touch. Of two bars the first point of a comes first."""
     key = info[0]
-    if info.shape[0] > 1:
+    if place is not None:
         key = key | jnp.where(info[1] != 0, place, 1 - place)
     return jnp.where(touch.touching & (info[0] != KEY_NONE), key, KEY_NONE)
 
 
 def _id_class(info: jax.Array, touch: Touch) -> jax.Array:
     """Return the id of a point of two bars, or the lower one that the reference cannot tell from it."""
-    return touch.id if info.shape[0] == 1 else lanes.pick([info[2 + k] for k in range(4)], touch.id)
+    return touch.id if info.shape[0] < 6 else lanes.pick([info[2 + k] for k in range(4)], touch.id)
 
 
 def _append(slots: _Slots, key: jax.Array, tag: jax.Array, frame: _Frame, touch: Touch) -> _Slots:

@@ -10,8 +10,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import BAR_RADIUS
-from iphyre_jax.physics.narrowphase import Segment
-from iphyre_jax.physics.types import Box, State, Topology, World
+from iphyre_jax.physics.types import Box, Segment, State, Topology, World
 from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
 
 Tree = TypeVar("Tree")

@@ -39,6 +39,7 @@ def initial_state(topology: Topology, world: World) -> State:
         motion=motion,
         alive=jnp.asarray(world.exists),
         broad=blank,
+        side=jnp.zeros((len(topology.bar_pairs) if rounds_as_reference(at_rest) else 0, *lane), jnp.int32),
         cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
         pin_impulse=jnp.zeros((len(topology.pins), *lane), zero.dtype),
         place=jnp.broadcast_to(place, (place.shape[0], *lane)),
@@ -97,7 +98,7 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     shape = shapes.world_shapes(topology, world, state)
     boxes = shapes.moving_boxes(topology, shape)
     broad = broadphase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
-    points, touching = contacts.collide(topology, world, shape, broad)
+    points, touching, side = contacts.collide(topology, world, shape, broad, state.side)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(state.motion, topology.moving)
@@ -114,6 +115,7 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
         state,
         motion=solver.stack(motions),
         broad=broad,
+        side=side,
         cache=solver.remember(state.cache, contact),
         pin_impulse=jnp.stack(pins) if pins else state.pin_impulse,
         step=state.step + 1,

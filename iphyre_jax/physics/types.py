@@ -127,6 +127,16 @@ class Box:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Segment:
+    """A bar in the world frame: ends of its core line, px, and its unit normal."""
+
+    a: Vec
+    b: Vec
+    normal: Vec
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class BroadPhase:
     """The reference's broad phase as far as it decides the order of the contacts. n bodies, P pairs of them."""
 
@@ -159,6 +169,7 @@ class State:
     motion: Motion  # (n,)
     alive: jax.Array  # (S,) bool, static bars still there
     broad: BroadPhase
+    side: jax.Array  # (bar pairs,) int32, where the last search for the nearest side ended (`gjk`); float32: no rows
     cache: Cache
     pin_impulse: jax.Array  # (pins,) px/s
     place: jax.Array  # (constraints,) int32, place in the reference's list; (0,) with fewer than three
