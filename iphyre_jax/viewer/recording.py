@@ -234,7 +234,8 @@ def _frame(topology: Topology, world: World, progress: rollouts.Progress) -> _Ta
     A step moves the bodies first and collides them then, so its contacts are those of the poses it ends with.
     """
     state = progress.state
-    points, _ = contacts.collide(topology, world, shapes.world_shapes(topology, world, state), state.broad)
+    shape = shapes.world_shapes(topology, world, state)
+    points, *_ = contacts.collide(topology, world, shape, state.broad, state.side)
     point = contacts.unpack(points.tag, points.numbers, axis=1)
     body = jnp.clip(point.first, 0, topology.moving - 1)
     where = jnp.stack([state.position.x[body] + point.arm_first.x, state.position.y[body] + point.arm_first.y], axis=-1)
