@@ -50,6 +50,8 @@ class Render:
     """Seconds at which each eliminable block goes, in list order; "never" or "-" for one that stays."""
     game: str | None = None
     """Of a file of plays only those of this scene, side by side."""
+    split: str | None = None
+    """Of a file of plays only those of games of this split."""
     fps: int = 60
     """Physics steps a second."""
     rule: Rule = "simulate"
@@ -120,8 +122,10 @@ def render(command: Render, console: Console) -> None:
         save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=0, look=_look(command, 150)))
     elif what == BEST or what.endswith(".jsonl") or Path(what).is_dir():
         chosen = [play for play in load_plays(what) if command.game in (None, play.scene.name)]
+        chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
         if not chosen:
-            raise ValueError(f"game: expected one that {what} has plays of, got {command.game!r}")
+            asked = f"{command.game or 'any'} of {command.split or 'any split'}"
+            raise ValueError(f"game: expected one that {what} has plays of, got {asked}")
         frame = -1 if command.frame is None else command.frame
         if command.game is None:
             sheet = contact_sheet(

@@ -91,3 +91,11 @@ def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: s
         record(HOLE, **arguments)  # type: ignore[arg-type]
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_both_engines_side_by_side() -> None:
+    from parity.film import both
+
+    ours, theirs = both(HOLE, SOLVES, 60, "float64", 1)
+    assert (ours.success, ours.steps, ours.reward) == (theirs.success, theirs.steps, theirs.reward)
+    np.testing.assert_allclose(ours.poses, theirs.poses, atol=1e-6)
