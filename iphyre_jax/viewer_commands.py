@@ -19,11 +19,14 @@ from rich.text import Text
 
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, read_scene
+from iphyre_jax.scenes.limits import MAX_NAME
+from iphyre_jax.scenes.messages import show
 from iphyre_jax.viewer.figures import figures_of, split_of
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api
 from iphyre_jax.viewer.play.server import PlayServer
 from iphyre_jax.viewer.play.session import ATTEMPTS, Session
+from iphyre_jax.viewer.plays import is_name
 from iphyre_jax.viewer.recording import Recording, record
 from iphyre_jax.viewer.sources import BEST, load_plays
 
@@ -213,8 +216,8 @@ def play(command: PlayPage, console: Console) -> None:
     scenes = [read_scene(path) for path in command.scenes]
     if not 0 <= command.port < 65536:
         raise ValueError(f"port: expected 0 to 65535, got {command.port}")
-    if not 0 < len(command.name) <= 100:
-        raise ValueError("name: expected a text of 1 to 100 characters")
+    if not is_name(command.name):
+        raise ValueError(f"name: expected a text of 1 to {MAX_NAME} printable characters, got {show(command.name)}")
     if not command.attempts.parent.is_dir():
         raise ValueError(f"{command.attempts}: expected a file in a folder that exists")
     session = Session(command.attempts, command.name)

@@ -133,8 +133,8 @@ def play_from_json(data: object, source: str) -> Play:
     scene = read_scene_field(fields.get("scene"), source)
     problems = []
     agent = fields.get("agent")
-    if not isinstance(agent, str) or not agent or len(agent) > MAX_NAME:
-        problems.append(f"agent: expected a text of 1 to {MAX_NAME} characters, got {show(agent)}")
+    if not is_name(agent):
+        problems.append(f"agent: expected a text of 1 to {MAX_NAME} printable characters, got {show(agent)}")
     plan = fields.get("plan")
     problems.extend(plan_problems(plan, scene))
     fps, dtype, resets = fields.get("fps", 60), fields.get("dtype", "float64"), fields.get("resets", 1)
@@ -152,6 +152,11 @@ def play_from_json(data: object, source: str) -> Play:
         problems.append(f"result: expected an object of {', '.join(RESULT_FIELDS)}, got {show(result)}")
     refuse(source, problems)
     return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # as checked
+
+
+def is_name(value: object) -> bool:
+    """Whether a value can name an agent: it goes to terminals and pages, so nothing in it may steer them."""
+    return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable() and value == value.strip()
 
 
 def read_scene_field(value: object, source: str) -> Scene:

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.files import parse_json
+from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.scenes.messages import one_line, show
-from iphyre_jax.viewer.plays import Play, play_from_json, read_plays
+from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
 
 BEST: Final = "best"
 MAX_FOLDER_FILE: Final = 20_000_000  # bytes of a run's JSON file
@@ -67,7 +68,11 @@ def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]
     blocks = len(load_scene(game["game"]).eliminable_blocks)
-    fields = {"schema": "iphyre_jax/play", "version": 1, "agent": path.resolve().name[:100] or "run"}
+    fields = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "agent": one_line(path.resolve().name).strip()[:MAX_NAME] or "run",
+    }
     how = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
     return play_from_json(fields | how | {"scene": game["game"], "plan": plan[:blocks]}, source)
 

@@ -33,11 +33,11 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     builder.ball((250, 340))
     file = tmp_path / "plays.jsonl"
     for scene, plan in ((load_scene("hole"), [-1, -1, 83, 32]), (builder.build(), [60])):
-        append_play(file, play_to_json(record(scene, plan), "a\u2028b", {"attempt": 1}))
+        append_play(file, play_to_json(record(scene, plan), "<b>", {"attempt": 1}))
     first, second = read_plays(file)
     assert first.scene == load_scene("hole")
     assert second.scene == builder.build()
-    assert (first.agent, second.plan) == ("a\u2028b", (60,))
+    assert (first.agent, second.plan) == ("<b>", (60,))
     assert not first.differs(first.record())
     assert first.record().success
     told = replace(first, result={**(first.result or {}), "steps": 1}).differs(first.record())
@@ -52,6 +52,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
         ({"scene": "../../etc/passwd"}, "scene: expected the name of a game or a scene"),
         ({"scene": {"name": "x"}}, "scene: schema: expected"),
         ({"agent": ""}, "agent: expected"),
+        ({"agent": "a\x1b[2Jb"}, "agent: expected"),
+        ({"agent": "a\u2028b"}, "agent: expected"),
         ({"agent": "x" * 101}, "agent: expected"),
         ({"plan": [1]}, "plan: expected 4 steps"),
         ({"plan": [-1, -1, 0.5, True]}, "plan[2]: expected a step"),
@@ -154,6 +156,7 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
         (["replay", "best", "--games", "nothing"], "games: expected scenes"),
         (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),
         (["play", "--port", "70000"], "port: expected"),
+        (["play", "--name", "a\x1bb"], "name: expected"),
         (["play", "--attempts", "no/where.jsonl"], "expected a file in a folder that exists"),
         (["play", "--agents", "none.jsonl"], "none.jsonl: expected a file of plays"),
     ],

@@ -40,8 +40,9 @@ class Deck {
     this.slider = make("input", { type: "range", min: 0, max: 0, step: 1, value: 0, className: "scrub" });
     this.slider.setAttribute("aria-label", "frame");
     this.slider.oninput = () => {
+      const frame = Number(this.slider.value); // stopping shows the frame of now, on the slider too
       this.clock.stop();
-      this.clock.jump(Number(this.slider.value) / this.rate);
+      this.clock.jump(frame / this.rate);
     };
     this.time = make("output", { className: "time" });
     this.speed = make("select", { title: "speed (+ and -)" });
@@ -102,16 +103,21 @@ class Deck {
     return { figure, canvas, stage: new Stage(canvas, this.theme), play, scene, tape, title };
   }
 
+  /** The frame of the fastest tape that is shown. */
+  get frame() {
+    return Math.floor(this.clock.now * this.rate + 1e-6);
+  }
+
   step(frames) {
     this.clock.stop();
-    this.clock.jump((Math.round(this.clock.now * this.rate) + frames) / this.rate);
+    this.clock.jump((this.frame + frames) / this.rate);
   }
 
   /** Draw everything as it is at the clock's time. */
   show() {
     this.playButton.textContent = this.clock.running ? "Pause" : "Play";
     if (!this.panels.length) return;
-    this.slider.value = Math.floor(this.clock.now * this.rate + 1e-6);
+    this.slider.value = this.frame;
     this.time.textContent = `${seconds(this.clock.now)} / ${seconds(this.clock.length)}`;
     for (const panel of this.panels) this._show(panel);
   }
