@@ -187,9 +187,10 @@ class PlayPage {
   /** Plays of this scene: the person's attempts, the best plan known, agents. */
   async compare() {
     this.plays = await call("agents", { scene: nameOrScene(this.scene) });
-    const option = (play, i) => make("option", { value: i, textContent: `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s` });
-    const mine = this.plays.findLastIndex((play) => play.agent.startsWith("attempt "));
-    const other = this.plays.findIndex((play) => !play.agent.startsWith("attempt "));
+    const label = (play) => `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s`;
+    const option = (play, i) => make("option", { value: i, textContent: label(play) });
+    const mine = this.plays.findLastIndex((play) => play.own);
+    const other = this.plays.findIndex((play) => !play.own);
     byId("left").replaceChildren(...this.plays.map(option));
     byId("right").replaceChildren(make("option", { value: "", textContent: "nobody" }), ...this.plays.map(option));
     byId("left").value = mine >= 0 ? mine : other;

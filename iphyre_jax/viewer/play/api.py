@@ -115,8 +115,11 @@ class Api:
     def _compare(self, fields: Fields) -> object:
         """Plays of a scene by others, and the person's own attempts."""
         scene = _scene(fields)
-        plays = [play for play in self._agents if play.scene == scene] + self._session.attempts(scene)
-        return [{"agent": play.agent, **pack_play(self._alone(play.record))} for play in plays]
+        others = [(play, False) for play in self._agents if play.scene == scene]
+        own = [(play, True) for play in self._session.attempts(scene)]
+        return [
+            {"agent": play.agent, "own": mine, **pack_play(self._alone(play.record))} for play, mine in others + own
+        ]
 
     def _check(self, fields: Fields) -> object:
         """What is wrong with a scene, what is unusual, and its file if nothing is wrong."""

@@ -143,6 +143,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(refusal)
         except (ValueError, OSError) as error:
             self._answer({"error": str(error)}, 400)
+        except Exception:
+            self._answer({"error": "the server failed; its terminal says how"}, 500)
+            raise
 
     def _answer(self, value: object, status: int = 200) -> None:
         self._send(status, "application/json", json.dumps(value, allow_nan=False).encode())
