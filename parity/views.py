@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics import State, Topology, solver
+from iphyre_jax.physics.contact_point import form, unpack_contact
 from iphyre_jax.physics.contacts import unpack
 from iphyre_jax.physics.vector import Vec
 from parity.reference import BodyState
@@ -110,7 +111,7 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
     host: Stages = jax.device_get(stages)
     contact, state, count = host.contact, host.state, int(host.touching)
     points = unpack(contact.points.tag, contact.points.numbers, axis=1)
-    fixed = solver.unpack_contact(contact.fixed, layout.topology.moving, axis=1)
+    fixed = unpack_contact(contact.fixed, form(layout.topology.bars, layout.topology.moving, exact=True), axis=1)
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
     flip = np.array([_second_is_a(layout, host, pair) for pair in first_second], dtype=bool).reshape(count, 1)
     one, two = _xy(points.arm_first)[:count], _xy(points.arm_second)[:count]

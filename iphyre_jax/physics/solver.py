@@ -1,11 +1,4 @@
-"""Contact solver: pre-step, cached impulses and the sweeps over slots, as the reference's arbiters do it.
-
-A contact is one row of a table. Which bodies it joins differs from lane to lane, so the row holds for every moving
-body a sign, -1 for the first body, 1 for the second, 0 for the others, and its arm times that sign; all masses are 1.
-Then relative velocity = sum sign v + perp(signed arm) w, and an impulse j changes v by sign j and w by
-cross(signed arm, j) / I, without choosing bodies. The signs are exact, so nothing is rounded otherwise than in the
-reference.
-"""
+"""Contact solver: pre-step, cached impulses and the sweeps over slots, as the reference's arbiters do it."""
 
 from __future__ import annotations
 
@@ -16,9 +9,19 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import joints, lanes
 from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTION, SLOP, SWEEPS
+from iphyre_jax.physics.contact_point import (
+    Arm,
+    Contact,
+    Form,
+    apply_impulse,
+    fields,
+    form_of,
+    relative_velocity,
+    unpack_contact,
+)
 from iphyre_jax.physics.contacts import STATIC_BODY, Point, Points, unpack
 from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate, where
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
 
 
 @jax.tree_util.register_dataclass
@@ -27,41 +30,9 @@ class Contacts:
     """The contact points of a step in solve order, (K,) rows."""
 
     points: Points
-    fixed: jax.Array  # (K, fields), see `Contact`
+    fixed: jax.Array  # (K, fields), see `contact_point.Contact`
     impulses: jax.Array  # (K, 3) accumulated: normal, tangent, bias, px/s
     continuing: jax.Array  # (K,) bool, touched in the step before
-
-
-@dataclass(frozen=True)
-class Contact:
-    """What the sweeps need of a contact point, or of all of a table."""
-
-    normal: Vec
-    normal_mass: jax.Array
-    tangent_mass: jax.Array
-    bias: jax.Array  # px/s, wanted speed of separation along the normal
-    bounce: jax.Array  # px/s
-    sign: tuple[jax.Array, ...]  # one a moving body; none where there is only one, which is always the first
-    arm: tuple[Vec, ...]  # px, one a moving body, times the sign
-
-    def pack(self) -> jax.Array:
-        """Return the fields as rows of one array."""
-        own = [self.normal.x, self.normal.y, self.normal_mass, self.tangent_mass, self.bias, self.bounce]
-        return lanes.stack([*own, *self.sign, *(part for arm in self.arm for part in (arm.x, arm.y))])
-
-
-def fields(moving: int) -> int:
-    """Return how many numbers a contact has."""
-    return 8 if moving == 1 else 6 + 3 * moving
-
-
-def unpack_contact(fixed: jax.Array, moving: int, axis: int = 0) -> Contact:
-    """Return a row of `Contacts.fixed`, or with axis 1 the whole table, by the names of its fields."""
-    n = [jax.lax.index_in_dim(jnp.asarray(fixed), k, axis, keepdims=False) for k in range(fixed.shape[axis])]
-    signs = () if moving == 1 else tuple(n[6 : 6 + moving])
-    arms = n[6 + len(signs) :]
-    vectors = tuple(Vec(*arms[k : k + 2]) for k in range(0, 2 * moving, 2))
-    return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], signs, vectors)
 
 
 def recall(cache: Cache, point: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -109,10 +80,10 @@ def prestep(
 
     used: number of slots in use in any lane.
     """
-    moving, like = len(motions), points.numbers[:, 0]
+    like = points.numbers[:, 0]
     empty = Contacts(
         points,
-        jnp.zeros((like.shape[0], fields(moving), *like.shape[1:]), like.dtype),
+        jnp.zeros((like.shape[0], fields(form_of(world)), *like.shape[1:]), like.dtype),
         jnp.zeros((like.shape[0], 3, *like.shape[1:]), like.dtype),
         jnp.zeros_like(like, bool),
     )
@@ -143,64 +114,38 @@ def _prepare(world: World, timing: Timing, point: Point, motions: list[Motion]) 
         total = total + (inv_mass_second + product(product(inv_second, turn_second), turn_second))
         masses.append(1.0 / total)
     bias = product(-timing.bias, jnp.minimum(point.distance + SLOP, 0)) / timing.dt
-    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_signed(point, len(motions)))
-    approach = dot(_relative(contact, motions), point.normal)
+    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_arms(world, point, form_of(world)))
+    approach = relative_velocity(contact, motions).x
     return replace(contact, bounce=product(approach, jnp.array(RESTITUTION, approach.dtype)))
 
 
-def _signed(point: Point, moving: int) -> tuple[tuple[jax.Array, ...], tuple[Vec, ...]]:
+def _arms(world: World, point: Point, of: Form) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
     """Return the signs and the signed arms of the bodies."""
-    if moving == 1:
-        return (), (-point.arm_first,)
     signs, arms, zero = [], [], jnp.zeros_like(point.distance)
-    for body in range(moving):
+    bars = world.bar_a.x.shape[0]
+    for body, across in enumerate(of.across):
         first, second = point.first == body, point.second == body
-        signs.append(jnp.where(second, 1, jnp.where(first, -1, zero)))
-        arms.append(where(second, point.arm_second, where(first, -point.arm_first, Vec(zero, zero))))
+        if of.signs:
+            signs.append(jnp.where(second, 1, jnp.where(first, -1, zero)))
+        if across:
+            arm = where(second, point.arm_second, where(first, -point.arm_first, Vec(zero, zero)))
+            if not rounds_as_reference(arm):
+                arm = Vec(dot(arm, point.normal), dot(arm, perp(point.normal)))
+            arms.append(Arm(arm.x, arm.y))
+        else:  # a ball's is as long as its radius, against the normal from the first body, along it from the second
+            arms.append(Arm(jnp.where(first | second, -world.radius[body - bars], zero), None))
     return tuple(signs), tuple(arms)
-
-
-def _relative(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
-    """Return the velocity, or bias velocity, of the second contact point against the first."""
-    total: Vec | None = None
-    for k, (motion, arm) in enumerate(zip(motions, contact.arm, strict=True)):
-        velocity, angular = (motion.bias_velocity, motion.bias_angular) if bias else (motion.velocity, motion.angular)
-        own = _times(contact, k, velocity)
-        own = Vec(own.x - product(arm.y, angular), own.y + product(arm.x, angular))
-        total = own if total is None else total + own
-    assert total is not None  # noqa: S101  a world without moving bodies is not valid
-    return total
-
-
-def _times(contact: Contact, body: int, vec: Vec) -> Vec:
-    """Return the sign of a body times a vector, which rounds nothing."""
-    if not contact.sign:
-        return -vec
-    return Vec(contact.sign[body] * vec.x, contact.sign[body] * vec.y)
-
-
-def _apply(world: World, contact: Contact, motions: list[Motion], impulse: Vec, push: Vec | None) -> list[Motion]:
-    """Give the bodies an impulse, and a bias impulse, at a contact point."""
-    out = []
-    for k, (motion, arm) in enumerate(zip(motions, contact.arm, strict=True)):
-        spin = motion.angular + product(world.inv_moment[k], cross(arm, impulse))
-        motion = replace(motion, velocity=motion.velocity + _times(contact, k, impulse), angular=spin)
-        if push is not None:
-            spin = motion.bias_angular + product(world.inv_moment[k], cross(arm, push))
-            motion = replace(motion, bias_velocity=motion.bias_velocity + _times(contact, k, push), bias_angular=spin)
-        out.append(motion)
-    return out
 
 
 def apply_cached(world: World, contacts: Contacts, used: jax.Array, motions: list[Motion]) -> list[Motion]:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
+    of = form_of(world)
 
     def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
         fixed, impulses, continuing = row
-        contact = unpack_contact(fixed, len(motions))
-        impulse = rotate(contact.normal, Vec(impulses[0], impulses[1]))
-        impulse = where(continuing, impulse, Vec(jnp.zeros_like(impulse.x), jnp.zeros_like(impulse.y)))
-        return _apply(world, contact, motions, impulse, None)
+        contact, zero = unpack_contact(fixed, of), jnp.zeros_like(impulses[0])
+        impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
+        return apply_impulse(world, contact, motions, impulse)
 
     return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), used, apply, motions)
 
@@ -209,18 +154,16 @@ def _solve_point(
     world: World, contact: Contact, impulses: jax.Array, motions: list[Motion]
 ) -> tuple[jax.Array, list[Motion]]:
     """Solve one contact point: all three impulses from velocities read before any of them is applied."""
-    bias_speed = dot(_relative(contact, motions, bias=True), contact.normal)
-    relative = _relative(contact, motions)
-    speed, slide = dot(relative, contact.normal), dot(relative, perp(contact.normal))
+    bias_speed = relative_velocity(contact, motions, bias=True).x
+    speed = relative_velocity(contact, motions)
 
     bias = jnp.maximum(impulses[2] + product(contact.bias - bias_speed, contact.normal_mass), 0)
-    normal = jnp.maximum(impulses[0] + product(-(contact.bounce + speed), contact.normal_mass), 0)
+    normal = jnp.maximum(impulses[0] + product(-(contact.bounce + speed.x), contact.normal_mass), 0)
     limit = product(jnp.array(FRICTION, normal.dtype), normal)
-    tangent = jnp.clip(impulses[1] + product(-slide, contact.tangent_mass), -limit, limit)
+    tangent = jnp.clip(impulses[1] + product(-speed.y, contact.tangent_mass), -limit, limit)
 
-    push = contact.normal * (bias - impulses[2])
-    impulse = rotate(contact.normal, Vec(normal - impulses[0], tangent - impulses[1]))
-    return lanes.stack([normal, tangent, bias]), _apply(world, contact, motions, impulse, push)
+    impulse = Vec(normal - impulses[0], tangent - impulses[1])
+    return lanes.stack([normal, tangent, bias]), apply_impulse(world, contact, motions, impulse, bias - impulses[2])
 
 
 def solve(
@@ -241,7 +184,7 @@ def solve(
 
     def slot(k: jax.Array, fixed: jax.Array, carry: Carry) -> Carry:
         impulses, motions = carry
-        contact = unpack_contact(fixed, len(motions))
+        contact = unpack_contact(fixed, form_of(world))
         new, motions = _solve_point(world, contact, lanes.read(impulses, k), motions)
         return lanes.write(impulses, k, new), motions
 

@@ -1,0 +1,146 @@
+"""One contact point of the solver: how fast its bodies move there, and what an impulse there does to them.
+
+Which bodies a contact joins differs from lane to lane, so it holds for every moving body a sign, -1 for the first body,
+1 for the second, 0 for the others, and its arm times that sign; all masses are 1. Then relative velocity = sum sign v +
+perp(arm) w, and an impulse j changes v by sign j and w by cross(arm, j) / I, without choosing bodies. The signs are
+exact, so nothing is rounded otherwise than in the reference.
+
+In float64 arms are in the world's frame, as the reference's. In float32 they are in the contact's, normal and tangent,
+which costs half the work for a ball: its arm lies along the normal, so pushes along it do not turn it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax
+
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.types import Motion, World
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate, rounds_as_reference
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the arms of a contact consist of; static."""
+
+    signs: bool  # False: only one body moves, which is always the first
+    across: tuple[bool, ...]  # for each moving body whether its arm has a second component
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A vector from a body's centre to the contact, times the body's sign, px."""
+
+    x: jax.Array
+    y: jax.Array | None  # None for zero
+
+    def cross(self, vec: Vec) -> jax.Array:
+        """Return arm x vec."""
+        return product(self.x, vec.y) if self.y is None else cross(Vec(self.x, self.y), vec)
+
+    def turned(self, angular: jax.Array, onto: Vec) -> Vec:
+        """Return onto + perp(arm) angular, the velocity at the contact."""
+        x = onto.x if self.y is None else onto.x - product(self.y, angular)
+        return Vec(x, onto.y + product(self.x, angular))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What the sweeps need of a contact point."""
+
+    normal: Vec
+    normal_mass: jax.Array
+    tangent_mass: jax.Array
+    bias: jax.Array  # px/s, wanted speed of separation along the normal
+    bounce: jax.Array  # px/s
+    sign: tuple[jax.Array, ...]  # one a moving body, none without signs
+    arm: tuple[Arm, ...]  # one a moving body
+
+    def pack(self) -> jax.Array:
+        """Return the fields as rows of one array."""
+        own = [self.normal.x, self.normal.y, self.normal_mass, self.tangent_mass, self.bias, self.bounce]
+        arms = [part for arm in self.arm for part in (arm.x, arm.y) if part is not None]
+        return lanes.stack([*own, *self.sign, *arms])
+
+
+def form(bars: int, moving: int, *, exact: bool) -> Form:
+    """Return the form of the contacts of a world with so many moving bars and bodies; exact: rounded as the reference.
+
+    Only of a ball's arm in the contact's frame is the second component zero.
+    """
+    return Form(moving > 1, tuple(exact or body < bars for body in range(moving)))
+
+
+def form_of(world: World) -> Form:
+    """Return the form of a world's contacts."""
+    return form(world.bar_a.x.shape[0], world.start.x.shape[0], exact=rounds_as_reference(world.start))
+
+
+def fields(of: Form) -> int:
+    """Return how many numbers a packed contact has."""
+    return 6 + len(of.across) * (1 + of.signs) + sum(of.across)
+
+
+def unpack_contact(packed: jax.Array, of: Form, axis: int = 0) -> Contact:
+    """Return a packed contact, or with axis 1 a whole table of them, by the names of its fields."""
+    n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(fields(of))]
+    signs, arms = [n.pop(6) for _ in of.across if of.signs], n[6:]
+    vectors = [Arm(arms.pop(0), arms.pop(0) if across else None) for across in of.across]
+    return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], tuple(signs), tuple(vectors))
+
+
+def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
+    """Return the velocity, or bias velocity, of the second contact point against the first: normal, tangential."""
+    velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
+    angulars = [motion.bias_angular if bias else motion.angular for motion in motions]
+    own = [_times(contact, k, velocity) for k, velocity in enumerate(velocities)]
+    if rounds_as_reference(contact.normal):
+        at = [arm.turned(angular, vec) for arm, angular, vec in zip(contact.arm, angulars, own, strict=True)]
+        return _in_frame(contact, _sum(at))
+    total = _in_frame(contact, _sum(own))
+    for arm, angular in zip(contact.arm, angulars, strict=True):
+        total = arm.turned(angular, total)
+    return total
+
+
+def apply_impulse(
+    world: World, contact: Contact, motions: list[Motion], impulse: Vec, push: jax.Array | None = None
+) -> list[Motion]:
+    """Give the bodies an impulse (normal, tangential), and a bias impulse along the normal, px/s."""
+    exact = rounds_as_reference(contact.normal)
+    whole = rotate(contact.normal, impulse)
+    whole_push = None if push is None else contact.normal * push
+    out = []
+    for k, (motion, arm) in enumerate(zip(motions, contact.arm, strict=True)):
+        spin = motion.angular + product(world.inv_moment[k], arm.cross(whole if exact else impulse))
+        motion = replace(motion, velocity=motion.velocity + _times(contact, k, whole), angular=spin)
+        if push is not None and whole_push is not None:
+            motion = replace(motion, bias_velocity=motion.bias_velocity + _times(contact, k, whole_push))
+            if exact:
+                turn = product(world.inv_moment[k], arm.cross(whole_push))
+                motion = replace(motion, bias_angular=motion.bias_angular + turn)
+            elif arm.y is not None:
+                turn = product(world.inv_moment[k], product(arm.y, push))
+                motion = replace(motion, bias_angular=motion.bias_angular - turn)
+        out.append(motion)
+    return out
+
+
+def _times(contact: Contact, body: int, vec: Vec) -> Vec:
+    """Return the sign of a body times a vector, which rounds nothing."""
+    if not contact.sign:
+        return -vec
+    return Vec(contact.sign[body] * vec.x, contact.sign[body] * vec.y)
+
+
+def _sum(vectors: list[Vec]) -> Vec:
+    total = vectors[0]
+    for vec in vectors[1:]:
+        total = total + vec
+    return total
+
+
+def _in_frame(contact: Contact, vec: Vec) -> Vec:
+    """Return a vector's components along the contact's normal and tangent."""
+    return Vec(dot(vec, contact.normal), dot(vec, perp(contact.normal)))
