@@ -8,13 +8,15 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import iphyre_jax
-from iphyre_jax.viewer.plays import Play, play_from_json, play_to_json
+from iphyre_jax.viewer.plays import play_to_json
 from iphyre_jax.viewer.search import search
 
 FILE = Path(iphyre_jax.__file__).parent / "viewer" / "best_plans.json"
 AGENT = "best plan known"
+SOURCE = "random search in this simulator, docs/best_plans.py; 60 steps a second, float64, fresh space"
 
 
 def main() -> None:
@@ -27,27 +29,21 @@ def main() -> None:
     iphyre_jax.configure()
     known = _known()
     for game in options.games:
-        found = search(iphyre_jax.load_scene(game), plans=options.plans, seed=options.seed)
-        old = known[game].record() if game in known else None
-        best = found if old is None or found.reward > old.reward else old
-        facts = {"seed": options.seed, "plans": options.plans}
-        known[game] = play_from_json(play_to_json(best, AGENT, facts), game)
-        print(f"{game}: {best.reward:.2f} ({'solved' if best.success else 'not solved'})", flush=True)
-        lines = [_line(known[name]) for name in iphyre_jax.GAMES if name in known]
-        source = "random search in this simulator, docs/best_plans.py; 60 steps a second, float64, fresh space"
-        text = ",\n  ".join(json.dumps(line) for line in lines)
-        FILE.write_text(f'{{"source": {json.dumps(source)},\n "plays": [\n  {text}\n ]}}\n', "utf-8")
+        best = search(iphyre_jax.load_scene(game), plans=options.plans, seed=options.seed)
+        old = known.get(game)
+        if old is None or best.reward > old["result"]["reward"]:
+            known[game] = play_to_json(best, AGENT, {"seed": options.seed, "plans": options.plans})
+        print(f"{game}: found {best.reward:.2f}, best {known[game]['result']['reward']:.2f}", flush=True)
+        lines = [json.dumps(known[name]) for name in iphyre_jax.GAMES if name in known]
+        plays = ",\n  ".join(lines)
+        FILE.write_text(f'{{"source": {json.dumps(SOURCE)},\n "plays": [\n  {plays}\n ]}}\n', "utf-8")
 
 
-def _known() -> dict[str, Play]:
-    """Return the plans of the file as it is."""
+def _known() -> dict[str, dict[str, Any]]:
+    """Return the lines of the file as it is, by game."""
     if not FILE.is_file():
         return {}
-    return {line["scene"]: play_from_json(line, str(FILE)) for line in json.loads(FILE.read_text("utf-8"))["plays"]}
-
-
-def _line(play: Play) -> dict[str, object]:
-    return play_to_json(play.record(), AGENT, {})
+    return {line["scene"]: line for line in json.loads(FILE.read_text("utf-8"))["plays"]}
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ def search(scene: Scene, *, plans: int = 2048, seed: int = 0, fps: int = 60) -> 
         seed: of the random numbers.
         fps: physics steps a second.
 
-    Removals are at different steps and after the start, as people's are. float32 finds, float64 decides: of the plans
-    that look best the first that is solved in float64 too is improved no further.
+    Removals are at different steps and after the start, as people's are. float32 finds, float64 decides among the 64
+    plans that look best.
     """
     rng, blocks = np.random.default_rng(seed), len(scene.eliminable_blocks)
     tried = _valid(_random(rng, plans, blocks, fps))

@@ -47,12 +47,20 @@ class Game {
     this.plan[column] = step;
     this._become("waiting");
     const scene = this.scene;
-    const play = await call("record", { scene: nameOrScene(scene), plan: this.plan });
-    const tape = await openTape(play, scene);
-    if (this.scene !== scene || this.state !== "waiting") return;
-    Object.assign(this, { play, tape, hint: null });
-    this._become("running");
-    this._run();
+    try {
+      const play = await call("record", { scene: nameOrScene(scene), plan: this.plan });
+      const tape = await openTape(play, scene);
+      if (this.scene !== scene || this.state !== "waiting") return;
+      Object.assign(this, { play, tape, hint: null });
+    } catch (error) {
+      this.plan[column] = -1; // the server did not answer: nothing has been removed
+      throw error;
+    } finally {
+      if (this.scene === scene && this.state === "waiting") {
+        this._become("running");
+        this._run();
+      }
+    }
   }
 
   /** Leave out the rest of the time. */

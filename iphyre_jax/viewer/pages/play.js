@@ -163,7 +163,8 @@ class PlayPage {
     if (game.state === "empty") return;
     byId("time").textContent = seconds(game.shown / game.tape.fps);
     byId("start").textContent = game.state === "over" ? "Once more" : "Start";
-    byId("start").disabled = game.state === "running" || game.state === "waiting" || (game.state === "over" && !this.standing.left);
+    const used = game.state === "over" && !this.standing.left;
+    byId("start").disabled = game.state === "running" || game.state === "waiting" || used;
     byId("finish").disabled = game.state !== "running";
   }
 
@@ -171,7 +172,8 @@ class PlayPage {
     const { standing, answer } = this;
     const { figures, best } = answer;
     const rewards = standing.rewards.map(points).join(", ");
-    byId("standing").textContent = `${standing.left} of ${this.start.attempts} attempts left${rewards ? `; so far ${rewards}` : ""}`;
+    const left = `${standing.left} of ${this.start.attempts} attempts left`;
+    byId("standing").textContent = rewards ? `${left}; so far ${rewards}` : left;
     byId("again").hidden = standing.left > 0;
     this.tell();
     const rows = [["your best", standing.best, true]];
