@@ -64,6 +64,8 @@ def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -
     numbers = (int, float, type(None))
     if not isinstance(seconds, list) or not all(isinstance(second, numbers) for second in seconds):
         raise ValueError(f"{source}: plan: expected seconds for each block, or null, got {show(seconds)}")
+    if not seconds:
+        raise ValueError(f"{source}: plan: expected one, got none; only agents that plan in advance leave plans")
     if not isinstance(fps, int) or isinstance(fps, bool) or any(s is not None and not 0 <= s < 1e6 for s in seconds):
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]

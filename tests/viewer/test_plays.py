@@ -116,7 +116,7 @@ def test_a_run_folder_is_a_source(tmp_path: Path) -> None:
     assert play.record().reward == 977.6
 
 
-@pytest.mark.parametrize("plan", [None, ["x", None], [1e9, None], [-1, None]])
+@pytest.mark.parametrize("plan", [None, [], ["x", None], [1e9, None], [-1, None]])
 def test_a_wrong_run_folder_is_named(plan: object, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"games\[0\]: plan: expected"):
         load_plays(write_run(tmp_path / "run", plan))
