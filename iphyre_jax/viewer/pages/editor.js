@@ -59,7 +59,8 @@ class Editor {
     this.draw();
     this.on.change(this.scene);
     const turn = ++this.turn;
-    const answer = await call("check", { scene: this.scene });
+    const unknown = (error) => ({ problems: [error.message], remarks: [], file: null });
+    const answer = await call("check", { scene: this.scene }).catch(unknown);
     if (turn !== this.turn) return; // the scene has changed since
     this.answer = answer;
     this.draw();

@@ -247,7 +247,12 @@ class PlayPage {
     input.value = "";
     if (!file) return;
     if (file.size > 50000) throw new Error(`${file.name}: expected a scene file of at most 50000 bytes`);
-    const scene = JSON.parse(await file.text());
+    let scene;
+    try {
+      scene = JSON.parse(await file.text());
+    } catch (error) {
+      throw new Error(`${file.name}: expected JSON: ${error.message}`);
+    }
     const { problems } = await call("check", { scene });
     if (problems.length) throw new Error(`${file.name}: ${problems.join("; ")}`);
     this.editor.selected = null;
