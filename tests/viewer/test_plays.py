@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
@@ -170,3 +171,15 @@ def test_a_mistake_gets_one_line(
     assert message in printed
     assert printed.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_extra_gets_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    for name in ("films", "frames", "painter", "sheets"):
+        monkeypatch.delitem(sys.modules, f"iphyre_jax.viewer.{name}", raising=False)
+    assert cli.run(["render", "hole", "-o", str(tmp_path / "a.png")]) == 2
+    printed = capsys.readouterr().err
+    assert "this command needs the extra 'viewer' (PIL is missing)" in printed
+    assert printed.count("\n") == 1
