@@ -61,7 +61,8 @@ class _Slots:
     """Touching points in the order in which they were found."""
 
     key: jax.Array  # (K,) int32
-    points: Points
+    tag: jax.Array  # (K,) int32, see `Points`
+    numbers: tuple[jax.Array, ...]  # NUMBERS of (K,)
     total: jax.Array  # () int32, points found, which may exceed K
 
 
@@ -210,8 +211,7 @@ def _second_segment(bar: Bar, frame: _Frame) -> Segment:
 
 def _empty(slots: int, like: jax.Array) -> _Slots:
     whole = jnp.zeros((slots, *like.shape), jnp.int32)
-    points = Points(whole - 1, jnp.zeros((slots, NUMBERS, *like.shape), like.dtype))
-    return _Slots(whole + KEY_NONE, points, jnp.zeros_like(whole[0]))
+    return _Slots(whole + KEY_NONE, whole - 1, (whole.astype(like.dtype),) * NUMBERS, jnp.zeros_like(whole[0]))
 
 
 def _visit(kind: _Kind, slots: _Slots, side: jax.Array) -> tuple[_Slots, jax.Array]:
@@ -262,12 +262,11 @@ def _append(slots: _Slots, key: jax.Array, tag: jax.Array, frame: _Frame, touch:
     arm_first, arm_second = touch.on_first - frame.first, touch.on_second - frame.second
     distance = dot((arm_second - arm_first) + frame.apart, touch.normal)
     vectors = (touch.normal, arm_first, arm_second)
-    numbers = lanes.stack([*(part for vec in vectors for part in (vec.x, vec.y)), distance])
+    numbers = [*(part for vec in vectors for part in (vec.x, vec.y)), distance]
     here = (lanes.iota(slots.key.shape[0], key) == slots.total[None]) & touching[None]
-    points = Points(
-        jnp.where(here, tag[None], slots.points.tag), jnp.where(here[:, None], numbers[None], slots.points.numbers)
-    )
-    return _Slots(jnp.where(here, key[None], slots.key), points, slots.total + touching.astype(jnp.int32))
+    old = (slots.key, slots.tag, *slots.numbers)
+    rows = [jnp.where(here, new[None], kept) for new, kept in zip((key, tag, *numbers), old, strict=True)]
+    return _Slots(rows[0], rows[1], tuple(rows[2:]), slots.total + touching.astype(jnp.int32))
 
 
 def _in_order(slots: _Slots) -> Points:
@@ -288,4 +287,6 @@ def _in_order(slots: _Slots) -> Points:
         tag = jnp.where(here, point.tag[None], points.tag)
         return Points(tag, jnp.where(here[:, None], point.numbers[None], points.numbers))
 
-    return lanes.visit((place, slots.points), used, put, _empty(size, slots.points.numbers[0, 0]).points)
+    numbers = lanes.stack(slots.numbers, axis=1)
+    empty = Points(jnp.full_like(slots.tag, -1), jnp.zeros_like(numbers))
+    return lanes.visit((place, Points(slots.tag, numbers)), used, put, empty)
