@@ -5,10 +5,13 @@ PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
+BROWSER_VENV := build/browser-venv
+CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-random golden parity-official test-environments fuzz test-adapters wheel bench clean
+.PHONY: help venv run test test-environments fuzz test-adapters chromium test-browser lint parity parity-random golden \
+	parity-official pictures wheel bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -37,6 +40,19 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
+
+test-browser: chromium ## the pages in Chromium, in an environment of its own; screenshots in build/browser/
+	$(PYTHON) -m venv $(BROWSER_VENV)
+	$(BROWSER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,browser]' pytest
+	CHROMIUM="$(CHROMIUM)" JAX_COMPILATION_CACHE_DIR="$(CURDIR)/build/jax-cache" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.1 \
+		$(BROWSER_VENV)/bin/python -m pytest tests/browser -rP
+
+chromium: ## install the distribution's Chromium if there is none (Debian, as root); or say CHROMIUM=/path/to/it
+	@test -n "$(CHROMIUM)" || { apt-get update -qq && apt-get install -y -qq chromium; } \
+		|| { echo "make chromium: no Chromium, and apt-get cannot install it; say CHROMIUM=/path/to/it"; exit 1; }
+
+pictures: .venv/.stamp ## make the pictures of the README again, docs/pictures/
+	$(PY) docs/make_pictures.py
 
 lint: .venv/.stamp ## ruff and mypy only
 	$(PY) -m ruff check .

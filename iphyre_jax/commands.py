@@ -1,4 +1,4 @@
-"""What `iphyre-jax` can do: train, evaluate, simulate, games, scene. Needs the extra `train`."""
+"""What `iphyre-jax` can do. Needs the extra `train`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from iphyre_jax import scene_commands
+from iphyre_jax import scene_commands, viewer_commands
 from iphyre_jax.configuration import OFF_WORDS, configure
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, load_scene
@@ -23,9 +23,9 @@ from iphyre_jax.train import loop, ppo, runs
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.report import COLUMNS, TITLES, split_rows
+from iphyre_jax.viewer_commands import PlayPage, Render, Replay
 
 INTERRUPTED = 130
-NEVER_WORDS = ("never", "-")
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
 
 
@@ -40,10 +40,10 @@ class Train:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md."""
+    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md; or score a file of plays."""
 
     run: tyro.conf.Positional[Path]
-    """The run folder."""
+    """The run folder, or a file of plays (JSON lines)."""
     unseen: bool = False
     """Play the ten unseen basic games too."""
 
@@ -75,7 +75,7 @@ class Games:
     """Only this one."""
 
 
-Command = Train | Evaluate | Simulate | Games | scene_commands.SceneCommand
+Command = Train | Evaluate | Simulate | Games | scene_commands.SceneCommand | Render | Replay | PlayPage
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -88,9 +88,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[Games, tyro.conf.subcommand("games")]
-        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")],
+        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")]
+        | Annotated[Render, tyro.conf.subcommand("render")]
+        | Annotated[Replay, tyro.conf.subcommand("replay")]
+        | Annotated[PlayPage, tyro.conf.subcommand("play")],
         prog="iphyre-jax",
-        description="I-PHYRE in JAX: train and evaluate agents, play plans, list games, check scenes.",
+        description="I-PHYRE in JAX: train and evaluate agents, play plans and games, render them, check scenes.",
         args=None if arguments is None else list(arguments),
     )
     if (
@@ -106,6 +109,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         Simulate: _simulate,
         Games: _games,
         scene_commands.SceneCommand: scene_commands.run,
+        Render: viewer_commands.render,
+        Replay: viewer_commands.replay,
+        PlayPage: viewer_commands.play,
     }
     actions[type(command)](command, console)
     return 0
@@ -126,6 +132,9 @@ def _train(command: Train, console: Console) -> int:
 
 def _evaluate(command: Evaluate, console: Console) -> None:
     """`iphyre-jax evaluate`."""
+    if command.run.is_file():
+        viewer_commands.evaluate_plays(command.run, console)
+        return
     config, state = runs.load(command.run)
     games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
     _evaluate_and_report(command.run, config, state, games, console)
@@ -165,13 +174,7 @@ def _simulate(command: Simulate, console: Console) -> None:
     """`iphyre-jax simulate`."""
     scene = load_scene(command.scene)
     blocks = scene.eliminable_blocks
-    if len(command.plan) > len(blocks):
-        raise ValueError(
-            f"plan: expected at most {len(blocks)} times, one for each eliminable block of {scene.name}, "
-            f"got {len(command.plan)}"
-        )
-    seconds = np.full((1, len(blocks)), np.nan)
-    seconds[0, : len(command.plan)] = [_seconds(word) for word in command.plan]
+    seconds = viewer_commands.seconds_of(command.plan, scene)
     steps = plan_to_steps(seconds, command.fps, command.rule)
     played = simulate(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
     for block, step in zip(blocks, steps[0].tolist(), strict=True):
@@ -183,16 +186,6 @@ def _simulate(command: Simulate, console: Console) -> None:
     console.print(f"eliminations: {played.eliminations[0]}\nreward: {played.reward[0]:.4f}")
     if played.fault[0]:
         console.print(f"fault: {played.fault[0]}")
-
-
-def _seconds(word: str) -> float:
-    """A time of a plan; NaN for a block that stays."""
-    if word in NEVER_WORDS:
-        return float("nan")
-    try:
-        return float(word)
-    except ValueError:
-        raise ValueError(f"plan: expected seconds or never, got {word!r}") from None
 
 
 def _games(command: Games, console: Console) -> None:

@@ -33,14 +33,16 @@ PARTS = (
     "adapters",
     "compat",
     "train",
+    "viewer",
     "scene_commands",
+    "viewer_commands",
     "commands",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro"}
-ABOVE_THE_CORE = {"train", "scene_commands", "commands", "cli"}
+ABOVE_THE_CORE = {"train", "scene_commands", "viewer_commands", "commands", "cli"}
 ADAPTED = {"gymnasium", "brax"}
 
 
