@@ -5,10 +5,13 @@ PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
+BROWSER_VENV := build/browser-venv
+CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test lint parity parity-official test-adapters test-kill test-damage test-learners wheel results bench clean
+.PHONY: help venv run test test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+	parity-official pictures wheel results bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -27,6 +30,12 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
 
+test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment, which takes long
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py
+
+fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number types
+	IPHYRE_JAX_FUZZ=10000 $(PY) -m pytest -s tests/scenes/test_fuzz.py
+
 test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest
@@ -41,6 +50,19 @@ test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
 
+test-browser: chromium ## the pages in Chromium, in an environment of its own; screenshots in build/browser/
+	$(PYTHON) -m venv $(BROWSER_VENV)
+	$(BROWSER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,browser]' pytest
+	CHROMIUM="$(CHROMIUM)" JAX_COMPILATION_CACHE_DIR="$(CURDIR)/build/jax-cache" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.1 \
+		$(BROWSER_VENV)/bin/python -m pytest tests/browser -rP
+
+chromium: ## install the distribution's Chromium if there is none (Debian, as root); or say CHROMIUM=/path/to/it
+	@test -n "$(CHROMIUM)" || { apt-get update -qq && apt-get install -y -qq chromium; } \
+		|| { echo "make chromium: no Chromium, and apt-get cannot install it; say CHROMIUM=/path/to/it"; exit 1; }
+
+pictures: .venv/.stamp ## make the pictures of the README again, docs/pictures/
+	$(PY) docs/make_pictures.py
+
 lint: .venv/.stamp ## ruff and mypy only
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
@@ -49,10 +71,17 @@ lint: .venv/.stamp ## ruff and mypy only
 parity: .venv/.stamp ## compare every game with pymunk, over whole runs
 	$(PY) -m parity
 
+parity-random: .venv/.stamp ## compare 2000 random scenes with pymunk; a run that was killed goes on where it was
+	$(PY) -m parity.random_run
+
+golden: .venv/.stamp ## write the golden files of tests/parity anew, from pymunk
+	$(PY) -m parity.golden
+
 parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
 	$(PYTHON) -m venv $(OFFICIAL_VENV)
 	$(OFFICIAL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'iphyre==0.2.3' 'pymunk==6.11.1' 'numpy<2' pygame
-	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz
+	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz --pictures build/pictures.npz
+	$(PY) -m parity.pictures build/pictures.npz build/pictures.png
 	$(PY) -m parity.environments build/official.npz
 
 wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 import iphyre_jax
-from benchmarks import plots, report, scaling, startup
+from benchmarks import deciding, plots, report, scaling, startup
 from benchmarks.crew import GAME_FACTOR, Crew
 from benchmarks.engines import engines, ours
 from benchmarks.measure import compare
@@ -25,8 +25,8 @@ from iphyre_jax.configuration import usable_cores
 REPORT_WIDTH = 130  # columns, where the output is not a terminal
 LEAST_SECONDS = 0.3  # of a turn
 Rate = Literal[10, 60]
-Part = Literal["mixture", "games", "startup", "scaling"]
-PARTS: tuple[Part, ...] = ("mixture", "games", "startup", "scaling")
+Part = Literal["mixture", "games", "startup", "scaling", "decisions"]
+PARTS: tuple[Part, ...] = ("mixture", "games", "startup", "scaling", "decisions")
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class Options:
         quick: a few minutes: the mixture of all games at 10 fps, few plans and turns, without Jax2D; other options are
             as given, except parts, fps, turns and plans.
         games: games to measure, on their own and as the mixture; all forty if none is named.
-        parts: what to measure: all engines on the mixture, game by game, times to a first result, batch sizes.
+        parts: what to measure: all engines on the mixture, game by game, times to a first result, batch sizes,
+            decisions on the fly beside plain simulation.
         fps: frame rates; each has tables of its own.
         turns: times that each engine is measured.
         plans: plans a game in the mixture, at 10 fps; slower engines play the first of them.
@@ -109,6 +110,11 @@ def measure(options: Options, results: Results, bar: Bar) -> None:
         jobs += [list(o.games)] if len(o.games) > 1 else []
         bar.start("times to a first result", len(jobs))
         results.startups += startup.startups(jobs, 1024, bar.advance)
+    if "decisions" in o.parts:
+        jobs = [[game] for game in startup.one_for_each_size() if game in o.games]
+        jobs += [list(o.games)] if len(o.games) > 1 else []
+        bar.start("decisions on the fly", len(jobs) * len(o.fps))
+        results.decisions += deciding.deciding(jobs, o.fps, o.turns, bar.advance)
     if "scaling" in o.parts:
         results.bytes_a_world |= {
             game: {dtype: scaling.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games

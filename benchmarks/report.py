@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import iphyre_jax
+from benchmarks.deciding import Deciding
 from benchmarks.engines import STEPPING
 from benchmarks.measure import Measurement, ratio
 from benchmarks.scaling import Scale
@@ -40,6 +41,7 @@ class Results:
         startups: times to a first result.
         scales: speed by batch and threads.
         bytes_a_world: carried state by game and type.
+        decisions: decisions on the fly beside plain simulation.
     """
 
     around: dict[str, Any]
@@ -49,6 +51,7 @@ class Results:
     startups: list[Startup] = field(default_factory=list)
     scales: list[Scale] = field(default_factory=list)
     bytes_a_world: dict[str, dict[str, int]] = field(default_factory=dict)
+    decisions: list[Deciding] = field(default_factory=list)
 
     def of(self, work: str, fps: int) -> dict[str, Measurement]:
         """The measurements of one work by engine."""
@@ -106,6 +109,7 @@ def as_json(results: Results) -> str:
         "startups": [asdict(one) for one in results.startups],
         "scales": [{"batch": one.batch, "threads": one.threads, **_row(one.measured)} for one in results.scales],
         "bytes_a_world": results.bytes_a_world,
+        "decisions": [asdict(one) for one in results.decisions],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
@@ -126,6 +130,8 @@ def show(results: Results, console: Console) -> None:
         console.print(startup_table(results.startups))
     if results.scales:
         console.print(scaling_table(results.scales))
+    for fps in dict.fromkeys(one.fps for one in results.decisions):
+        console.print(deciding_table([one for one in results.decisions if one.fps == fps], fps))
     if sizes := results.bytes_a_world:
         game, most = max(((game, by["float32"]) for game, by in sizes.items()), key=lambda pair: pair[1])
         console.print(f"carried state a world in float32: at most {most} bytes ({game})")
@@ -191,6 +197,20 @@ def scaling_table(scales: Sequence[Scale]) -> Table:
     for batch in dict.fromkeys(one.batch for one in scales):
         rates = {one.threads: one.measured.rate for one in scales if one.batch == batch}
         made.add_row(str(batch), *(millions(rates[n]) for n in threads))
+    return made
+
+
+def deciding_table(found: Sequence[Deciding], fps: int) -> Table:
+    """Physics steps a second under decisions on the fly; wall and cpu: as a share of plain simulation's."""
+    heads = ["simulate", *(f"{what} {clock}" for what in ("read", "kept") for clock in ("M/s", "wall", "cpu"))]
+    made = table(f"On the fly, {fps} fps, float32: observations read, or kept too", "games", *heads, "same step")
+    for one in found:
+        cells = [
+            cell
+            for name in ("reads", "keeps")
+            for cell in (millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}", f"{one.share(name, 1):.2f}")
+        ]
+        made.add_row(one.work, millions(one.rate("simulate", 0)), *cells, f"{100 * one.same_steps:.1f} %")
     return made
 
 

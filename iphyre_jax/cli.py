@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 ERROR = 2  # exit code
 INTERRUPTED = 130  # exit code of a command that was ended with Ctrl-C
+VIEWER_PACKAGES = ("PIL", "imageio_ffmpeg")  # of the extra `viewer`; all others are of `train`
 UNREAD = 141  # exit code of a command whose output nobody reads any more, as behind `| head`
 
 
@@ -31,9 +32,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
         commands = importlib.import_module("iphyre_jax.commands")
         return int(commands.run(arguments))
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == "iphyre_jax":
+        package = (error.name or "").partition(".")[0]
+        if package == "iphyre_jax":
             raise
-        return _fail(f"this command needs the extra 'train' ({error.name} is missing): pip install 'iphyre-jax[train]'")
+        extra = "viewer" if package in VIEWER_PACKAGES else "train"
+        return _fail(
+            f"this command needs the extra '{extra}' ({error.name} is missing): pip install 'iphyre-jax[{extra}]'"
+        )
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter complains as it ends
         return UNREAD

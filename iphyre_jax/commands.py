@@ -14,13 +14,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from iphyre_jax import scene_commands, train_commands
+from iphyre_jax import scene_commands, train_commands, viewer_commands
 from iphyre_jax.configuration import OFF_WORDS, configure
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
+from iphyre_jax.viewer_commands import PlayPage, Render, Replay
 
-NEVER_WORDS = ("never", "-")
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
 
 
@@ -51,7 +51,7 @@ class Games:
     """Only this one."""
 
 
-Command = train_commands.TrainingCommand | Simulate | Games | scene_commands.SceneCommand
+Command = train_commands.TrainingCommand | Simulate | Games | scene_commands.SceneCommand | Render | Replay | PlayPage
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -73,6 +73,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         Simulate: _simulate,
         Games: _games,
         scene_commands.SceneCommand: scene_commands.run,
+        Render: viewer_commands.render,
+        Replay: viewer_commands.replay,
+        PlayPage: viewer_commands.play,
     }
     actions[type(command)](command, console)
     return 0
@@ -88,9 +91,12 @@ def _parse(arguments: list[str]) -> Command:
         | Annotated[train_commands.Compare, tyro.conf.subcommand("compare")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[Games, tyro.conf.subcommand("games")]
-        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")],
+        | Annotated[scene_commands.SceneCommand, tyro.conf.subcommand("scene")]
+        | Annotated[Render, tyro.conf.subcommand("render")]
+        | Annotated[Replay, tyro.conf.subcommand("replay")]
+        | Annotated[PlayPage, tyro.conf.subcommand("play")],
         prog="iphyre-jax",
-        description="I-PHYRE in JAX: train, evaluate and compare agents, play plans, list games, check scenes.",
+        description="I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes.",
         args=arguments,
     )
     return command
@@ -100,13 +106,7 @@ def _simulate(command: Simulate, console: Console) -> None:
     """`iphyre-jax simulate`."""
     scene = load_scene(command.scene)
     blocks = scene.eliminable_blocks
-    if len(command.plan) > len(blocks):
-        raise ValueError(
-            f"plan: expected at most {len(blocks)} times, one for each eliminable block of {scene.name}, "
-            f"got {len(command.plan)}"
-        )
-    seconds = np.full((1, len(blocks)), np.nan)
-    seconds[0, : len(command.plan)] = [_seconds(word) for word in command.plan]
+    seconds = viewer_commands.seconds_of(command.plan, scene)
     steps = plan_to_steps(seconds, command.fps, command.rule)
     played = simulate(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
     for block, step in zip(blocks, steps[0].tolist(), strict=True):
@@ -118,16 +118,6 @@ def _simulate(command: Simulate, console: Console) -> None:
     console.print(f"eliminations: {played.eliminations[0]}\nreward: {played.reward[0]:.4f}")
     if played.fault[0]:
         console.print(f"fault: {played.fault[0]}")
-
-
-def _seconds(word: str) -> float:
-    """A time of a plan; NaN for a block that stays."""
-    if word in NEVER_WORDS:
-        return float("nan")
-    try:
-        return float(word)
-    except ValueError:
-        raise ValueError(f"plan: expected seconds or never, got {word!r}") from None
 
 
 def _games(command: Games, console: Console) -> None:

@@ -25,17 +25,18 @@ MOVING: Final = (52, 152, 219)
 RADIUS_LINE: Final = (44, 62, 80)
 LINK: Final = (142, 68, 173)
 
-_DOT: Final = 5.0  # px, radius of the dots at a link's ends
-_LINE: Final = 0.5  # px, half the width of a line
-_COILED: Final = 0.6  # share of a spring's length that is zigzag
-_PERIOD: Final = 0.1  # share of its length from one crest to the next
-_SWING: Final = 6.0  # px, height of a crest
+LINK_DOT: Final = 5.0  # px, radius of the dots at a link's ends
+LINE: Final = 0.5  # px, half the width of a line
+THICK_FROM: Final = 20.0  # px, radius of the balls above which the radius line is twice as wide
+COILED: Final = 0.6  # share of a spring's length that is zigzag
+COIL_PERIOD: Final = 0.1  # share of its length from one crest to the next
+SPRING_SWING: Final = 6.0  # px, height of a crest
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Drawing:
-    """What a picture shows; N objects, J joints, P springs, lengths in px of the scene."""
+    """What a picture shows; N objects in the order of painting, J joints, P springs, lengths in px of the scene."""
 
     ends: jax.Array  # (N, 4) x1, y1, x2, y2; the centre twice for a ball
     radius: jax.Array  # (N,)
@@ -54,6 +55,11 @@ def colours(ball: jax.Array, eliminable: jax.Array, dynamic: jax.Array) -> jax.A
     kinds = [jnp.asarray(kind, jnp.float32) for kind in (BALL, ELIMINABLE, MOVING, FIXED)]
     pick = jnp.select([ball, eliminable, dynamic], [jnp.full(ball.shape, k, jnp.int32) for k in range(3)], 3)
     return jnp.stack(kinds)[pick]
+
+
+def painting_order(dynamic: jax.Array) -> jax.Array:
+    """Return the order of painting, (N,) int32: that view shows static objects above those that move."""
+    return jnp.argsort(~dynamic, stable=True).astype(jnp.int32)
 
 
 @partial(jax.jit, static_argnums=1)
@@ -77,12 +83,12 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
         inside = canvas.capsule(drawing.ends[i], drawing.radius[i] + 0.5)  # the border pixel belongs to it
         picture = _paint(picture, inside * drawing.there[i], drawing.colour[i])
     for i in range(drawing.spokes.shape[0]):
-        wide = jnp.where(drawing.spoke_length[i] > 20.0, 2 * _LINE, _LINE)
+        wide = jnp.where(drawing.spoke_length[i] > THICK_FROM, 2 * LINE, LINE)
         line = canvas.capsule(drawing.spokes[i], wide) * (drawing.spoke_length[i] > 0)
         picture = _paint(picture, line, jnp.asarray(RADIUS_LINE, jnp.float32))
     link = jnp.asarray(LINK, jnp.float32)
     for ends, there in zip(drawing.joints, drawing.joint_there, strict=True):
-        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, _LINE), canvas.dots(ends)) * there, link)
+        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, LINE), canvas.dots(ends)) * there, link)
     for ends, there in zip(drawing.springs, drawing.spring_there, strict=True):
         picture = _paint(picture, jnp.maximum(canvas.spring(ends), canvas.dots(ends)) * there, link)
     return jnp.rint(jnp.stack(picture, axis=-1)).astype(jnp.uint8)
@@ -114,7 +120,7 @@ class _Canvas:
     def dots(self, ends: jax.Array) -> jax.Array:
         """The two ends of a link (4,)."""
         first, last = ends[:2], ends[2:]
-        around = [self.capsule(jnp.concatenate([point, point]), _DOT) for point in (first, last)]
+        around = [self.capsule(jnp.concatenate([point, point]), LINK_DOT) for point in (first, last)]
         return jnp.maximum(*around)
 
     def spring(self, ends: jax.Array) -> jax.Array:
@@ -125,12 +131,12 @@ class _Canvas:
         x, y = self.x - ends[0], self.y - ends[1]
         along = (x * unit_x + y * unit_y) / jnp.where(length > 0, length, 1.0)  # 0 at one end, 1 at the other
         across = y * unit_x - x * unit_y
-        wave = jnp.abs((along / _PERIOD + 0.25) % 1.0 - 0.5) * 4.0 - 1.0  # a triangle between -1 and 1
-        coiled = jnp.abs(along - 0.5) <= _COILED / 2
-        slope = 4.0 * _SWING / (_PERIOD * jnp.maximum(length, 1.0))
-        apart = jnp.abs(across - jnp.where(coiled, wave * _SWING, 0.0))
+        wave = jnp.abs((along / COIL_PERIOD + 0.25) % 1.0 - 0.5) * 4.0 - 1.0  # a triangle between -1 and 1
+        coiled = jnp.abs(along - 0.5) <= COILED / 2
+        slope = 4.0 * SPRING_SWING / (COIL_PERIOD * jnp.maximum(length, 1.0))
+        apart = jnp.abs(across - jnp.where(coiled, wave * SPRING_SWING, 0.0))
         apart = apart / jnp.where(coiled, jnp.sqrt(1.0 + slope * slope), 1.0)
-        return jnp.where((along >= 0) & (along <= 1), self._cover(apart, _LINE), 0.0)
+        return jnp.where((along >= 0) & (along <= 1), self._cover(apart, LINE), 0.0)
 
     def _cover(self, apart: jax.Array, radius: jax.Array | float) -> jax.Array:
         """What lies nearer than `radius`; finer than a pixel, it fades."""

@@ -39,7 +39,8 @@ class Program:
 
 _LOCKS: dict[tuple[Topology, str], Lock] = {}
 _PROGRAMS: dict[tuple[Topology, str], Program] = {}
-_STARTS: dict[int, tuple[World, rollouts.Progress]] = {}  # by the identity of a `World` that `built` keeps
+# By the identity of a `World` that `built` keeps, and its topology.
+_STARTS: dict[tuple[int, Topology], tuple[World, rollouts.Progress]] = {}
 
 
 @cache
@@ -93,15 +94,15 @@ def _start(
     chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str
 ) -> tuple[Program, World, rollouts.Progress]:
     """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
-    one = chunk.worlds[chunk.which[0]]
+    key = id(chunk.worlds[chunk.which[0]]), chunk.topology
     whole = len(chunk.which) == LANES and bool(np.all(chunk.which == chunk.which[0]))
-    if whole and id(one) in _STARTS:
-        return _PROGRAMS[chunk.topology, dtype], *_STARTS[id(one)]
+    if whole and key in _STARTS:
+        return _PROGRAMS[chunk.topology, dtype], *_STARTS[key]
     world = jax.device_put(_worlds(chunk))
     program = _program(chunk.topology, dtype, world, timing, plan)
     progress = program.begin(world, np.arange(LANES) >= len(chunk.which))
     if whole:
-        _STARTS[id(one)] = world, progress
+        _STARTS[key] = world, progress
     return program, world, progress
 
 

@@ -20,6 +20,7 @@ from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.presets import preset
 from iphyre_jax.train.report import COLUMNS, TITLES, agent_name, split_rows
 from iphyre_jax.train.trainer import RunState
+from iphyre_jax.viewer_commands import evaluate_plays
 
 INTERRUPTED = 130
 CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide what the other settings are by default
@@ -55,10 +56,10 @@ class Resume:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md."""
+    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md; or score a file of plays."""
 
     run: tyro.conf.Positional[Path]
-    """The run folder."""
+    """The run folder, or a file of plays (JSON lines)."""
     checkpoint: str | None = None
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
@@ -110,6 +111,9 @@ def run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Resume):
         return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
+        if command.run.is_file():
+            evaluate_plays(command.run, console)
+            return 0
         config, state = runs.load(command.run, command.checkpoint)
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         _evaluate_and_report(command.run, config, state, games, console)

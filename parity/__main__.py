@@ -1,4 +1,4 @@
-"""``python -m parity``: compare the solver with the reference on random plans and print the tables."""
+"""``python -m parity``: compare the solver with the reference on random plans, print the tables, save the report."""
 
 import math
 import sys
@@ -11,11 +11,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import iphyre_jax
+from iphyre_jax.physics import Topology
+from iphyre_jax.scenes.build import topology_of
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
-from parity.report import LEGEND, circumstances, save, screen_table, sections, verdict_line
+from parity.report import circumstances, save
+from parity.tables import LEGEND, headline, screen_table, sections, verdict_line
 
-REPORT_WIDTH = 110  # columns, where the output is not a terminal
+PLAYS_A_TASK = 256  # two full chunks
+REPORT_WIDTH = 120  # columns, where the output is not a terminal
 
 Rate = Literal[60, 10]
 Dtype = Literal["float64", "float32"]
@@ -37,7 +41,9 @@ class Options:
         seed: seed of the plans.
         duration: seconds a play lasts.
         workers: processes that share the games.
-        out: folder for the JSON and the Markdown report.
+        disturbances: relative changes of gravity under which pymunk is compared with itself.
+        statistics: seconds of one play of each game in which energy, momentum and contacts are counted; 0 for none.
+        out: folder for the report: a page, Markdown and JSON.
         name: their file name without its ending.
     """
 
@@ -52,6 +58,8 @@ class Options:
     seed: int = 0
     duration: float = DURATION
     workers: int = 2
+    disturbances: tuple[float, ...] = (1e-12, 1e-9, 1e-6)
+    statistics: float = 5.0
     out: Path = field(default_factory=lambda: Path("parity") / "results")
     name: str = "parity"
 
@@ -73,6 +81,11 @@ def check(options: Options) -> None:
     for name, least in (("plans", 1), ("resets", 1), ("workers", 1), ("seed", 0)):
         if getattr(options, name) < least:
             raise ValueError(f"--{name}: expected an integer of at least {least}, got {getattr(options, name)}")
+    if not 0 <= options.statistics < math.inf:
+        raise ValueError(f"--statistics: expected seconds, at least 0, got {options.statistics}")
+    for part in options.disturbances:
+        if not 0 < abs(part) < 1:
+            raise ValueError(f"--disturbances: expected numbers between -1 and 1 but not 0, got {part}")
     for name in ("fps", "dtype"):
         if not getattr(options, name):
             raise ValueError(f"--{name}: expected at least one value")
@@ -84,18 +97,38 @@ def check(options: Options) -> None:
         iphyre_jax.load_scene(scene)
 
 
+def tasks_of(options: Options) -> list[Task]:
+    """Put scenes of one topology together, so that they share chunks and programs; the costliest tasks come first."""
+    o = options
+    groups: dict[Topology, list[str]] = {}
+    for name in scenes(o):
+        groups.setdefault(topology_of(iphyre_jax.load_scene(name)), []).append(name)
+    size = max(1, PLAYS_A_TASK // o.plans)
+    parts = [
+        (topology.moving, tuple(names[start : start + size]))
+        for topology, names in groups.items()
+        for start in range(0, len(names), size)
+    ]
+    around = o.plans, o.fps, o.dtype, o.resets, o.seed, o.plan_set, o.duration, o.disturbances
+    return [
+        Task(names, *around, statistics=o.statistics)
+        for _, names in sorted(parts, key=lambda part: -part[0] * len(part[1]))
+    ]
+
+
 def compare(options: Options, console: Console) -> list[GameResult]:
     """Run the comparison with a progress bar; the results come in the order of the games."""
-    o = options
-    tasks = [Task(s, o.plans, o.fps, o.dtype, o.resets, o.seed, o.plan_set, o.duration) for s in scenes(o)]
-    found: dict[int, list[GameResult]] = {}
+    tasks = tasks_of(options)
+    found: dict[str, list[GameResult]] = {}
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:
-        bar = progress.add_task("games", total=len(tasks))
-        for index, results in compare_games(tasks, min(o.workers, len(tasks))):
-            found[index] = results
-            progress.update(bar, advance=1, description=results[0].game)
-    return [result for index in sorted(found) for result in found[index]]
+        bar = progress.add_task("games", total=len(scenes(options)))
+        for index, results in compare_games(tasks, min(options.workers, len(tasks))):
+            each = len(results) // len(tasks[index].scenes)
+            for place, name in enumerate(tasks[index].scenes):
+                found[str(name)] = results[each * place : each * (place + 1)]
+            progress.update(bar, advance=len(tasks[index].scenes), description=results[-1].game)
+    return [result for name in scenes(options) for result in found[name]]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -107,22 +140,24 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
+    around = circumstances({name: plain(value) for name, value in asdict(options).items()})  # the commit that now runs
     results = compare(options, console)
     made = sections(results)
-    around = circumstances({name: _plain(value) for name, value in asdict(options).items()})
     save(options.out, options.name, made, results, around)
     for section in made:
         console.print(screen_table(section))
     console.print(LEGEND, highlight=False)
     for section in made:
         console.print(verdict_line(section), highlight=False, soft_wrap=True)
-    console.print(f"saved as {options.out / options.name}.json and .md", highlight=False, soft_wrap=True)
+    console.print(headline(made), highlight=False, soft_wrap=True)
+    console.print(f"saved as {options.out / options.name}.html, .md and .json", highlight=False, soft_wrap=True)
     return int(any(section.missed for section in made))
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """An option as JSON takes it."""
     if isinstance(value, tuple):
-        return [_plain(inner) for inner in value]
+        return [plain(inner) for inner in value]
     return str(value) if isinstance(value, Path) else value
 
 

@@ -16,7 +16,7 @@ from iphyre_jax.physics import State, Timing, Topology, World, broadphase, conta
 from iphyre_jax.physics.step import initial_state, integrate_positions, integrate_velocities
 from iphyre_jax.physics.types import BroadPhase, Motion
 from iphyre_jax.physics.vector import Vec
-from iphyre_jax.scenes.build import build, timing
+from iphyre_jax.scenes.build import build, static_order, timing
 from parity.reference import BodyState
 from parity.views import Floats, Layout, Stages, StepView, our_view
 
@@ -34,7 +34,7 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
     motions = solver.unstack(moved.motion, topology.moving)
     contact = solver.prestep(world, timing, points, used, motions, moved.cache)
     links = joints.prepare(topology, world, timing, moved)
-    motions = joints.apply_springs(topology, links, motions)
+    motions = joints.apply_springs(topology, links, motions, moved.place)
     motions = integrate_velocities(motions, timing)
     motions = solver.apply_cached(world, contact, used, motions)
     motions = joints.apply_cached(topology, links, motions, moved.place)
@@ -147,11 +147,4 @@ def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:
     """
     topology, world = build(scene, resets=resets, dtype="float64")
     moving = [int(i) for i in np.flatnonzero(scene.dynamic)]
-    left = [i for i in range(scene.n_blocks) if not scene.dynamic[i]]
-    statics = []
-    for rank in range(len(left)):
-        ends = [[end.x[rank], end.y[rank]] for end in (world.static_a, world.static_b)]
-        # The solver rebuilds end points from the midpoint, which may round; equal bars are told apart by list order.
-        statics.append(min(left, key=lambda i: float(np.abs(scene.blocks[i] - ends).max())))
-        left.remove(statics[-1])
-    return Layout(topology, tuple(moving), tuple(statics)), world, timing(fps, "float64")
+    return Layout(topology, tuple(moving), static_order(scene, resets)), world, timing(fps, "float64")

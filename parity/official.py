@@ -1,13 +1,15 @@
 """Record random episodes of the official class: run by the interpreter of an environment of its own.
 
-    PYTHON parity/official.py FILE --episodes N
+    PYTHON parity/official.py FILE --episodes N --pictures FILE
 
 The environment holds iphyre 0.2.3, pymunk 6.11.1, NumPy below 2 and pygame; this file and `drivers.py` need nothing
-else. `parity.environments` compares what was recorded. `make parity-official` does both.
+else. `parity.environments` compares what was recorded, `parity.pictures` the pictures of the starts. `make
+parity-official` does all of it.
 """
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,11 +45,25 @@ def record(game: str, strategy: str, seed: int) -> dict[str, Any]:
     }
 
 
+def pictures(games: list[str]) -> dict[str, Any]:
+    """Return the official drawing of each game's start, (600, 600, 3) uint8 in red, green, blue; no window opens."""
+    os.environ.update(SDL_VIDEODRIVER="dummy", SDL_AUDIODRIVER="dummy")
+    from iphyre.simulator import IPHYRE
+
+    drawn = {}
+    for game in games:
+        simulator = IPHYRE(game=game)
+        simulator.init_screen()
+        drawn[game] = np.array(simulator.reset(use_images=True))[:, :, ::-1]
+    return drawn
+
+
 def main() -> None:
     """Record episodes of every game and strategy into one file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--pictures", type=Path, default=None, help="file for the pictures of the starts")
     options = parser.parse_args()
     from iphyre.games import GAMES
 
@@ -61,6 +77,8 @@ def main() -> None:
     arrays["episodes"] = np.array(json.dumps(episodes))
     np.savez_compressed(options.file, **arrays)
     print(f"{len(episodes)} episodes recorded in {options.file}")
+    if options.pictures:
+        np.savez_compressed(options.pictures, **pictures(GAMES[:40]))
 
 
 if __name__ == "__main__":

@@ -1,38 +1,46 @@
-"""Play one game's plans in the reference and in ours, and compare them."""
+"""Play scenes' plans in the reference and in ours, and compare them."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
 
 import iphyre_jax
-from iphyre_jax import Scene
-from parity.compare import PlanComparison, compare_plans
+from iphyre_jax import Scene, Simulation
+from parity.compare import BIN, PlanComparison, compare_plans
+from parity.exceptions import Astray, astray, explain
 from parity.plans import PlanSet, random_plans
-from parity.reference import Trajectory, run
+from parity.reference import run
+from parity.statistics import Pair, play_statistics
+from parity.trajectory import Trajectory
 
 DURATION = 15.0  # s, the length of an official play
 
 
 @dataclass(frozen=True)
 class Task:
-    """One game to compare.
+    """Scenes to compare, best of one topology: their plays share chunks.
 
     Attributes:
-        scene: a game's name or the path of a scene file.
-        plans: number of random plans.
+        scenes: games' names, paths of scene files, or scenes.
+        plans: number of random plans a scene.
         rates: frame rates, each with plans of its own made from the same removal times.
         dtypes: types to run ours in.
         resets: number of the reset to play in.
         seed: seed of the plans.
         plan_set: which random plans, see `parity.plans.random_times`.
         duration: s, length of a play.
+        disturbances: relative changes of gravity under which the reference is played once more.
+        explained: how many of the plans of a scene that go astray in float64 are traced to their first difference.
+        statistics: s, how long one play of each scene is watched from inside; 0 for not at all.
     """
 
-    scene: str
+    scenes: tuple[str | Scene, ...]
     plans: int
     rates: tuple[int, ...]
     dtypes: tuple[str, ...]
@@ -40,83 +48,183 @@ class Task:
     seed: int
     plan_set: PlanSet = "early"
     duration: float = DURATION
+    disturbances: tuple[float, ...] = ()
+    explained: int = 3
+    statistics: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class GameResult:
-    """One game at one frame rate and in one type.
+    """One scene at one frame rate and in one type.
 
     Attributes:
-        game: the scene's name.
+        scene: the scene.
         fps: physics steps a second.
         dtype: the type ours ran in.
         eliminate_at: (B, S) the plans.
         comparison: what came out.
+        sensitivity: by relative disturbance of gravity, the reference's disturbed plays against its own.
+        worst: the plan of the largest error in the reference and in ours; None where no pose in play differs.
+        astray: the plans that end differently or stray too far; the first ones of float64 explained.
+        statistics: energy, momentum and contacts of one play, if asked for.
     """
 
-    game: str
+    scene: Scene
     fps: int
     dtype: str
     eliminate_at: NDArray[np.int32]
     comparison: PlanComparison
+    sensitivity: dict[float, PlanComparison] = field(default_factory=dict)
+    worst: Worst | None = None
+    astray: tuple[Astray, ...] = ()
+    statistics: Pair | None = None
+
+    @property
+    def game(self) -> str:
+        """The scene's name."""
+        return self.scene.name
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """The play of one scene that went furthest astray, every `BIN` seconds.
+
+    Attributes:
+        plan: its index.
+        reference: (K, N, 3) float32, poses of all objects in the reference.
+        ours: the same of ours.
+    """
+
+    plan: int
+    reference: NDArray[np.float32]
+    ours: NDArray[np.float32]
 
 
 def play_reference(
-    scene: Scene, eliminate_at: NDArray[np.int32], fps: int, duration: float, resets: int
+    scene: Scene, eliminate_at: NDArray[np.int32], fps: int, duration: float, resets: int, gravity: float = 1.0
 ) -> list[Trajectory]:
     """Play every row of `eliminate_at` (B, S) in the reference, sampled after every step."""
     steps = round(duration * fps)
-    return [run(scene, row, fps=fps, steps=steps, resets=resets) for row in eliminate_at]
+    return [run(scene, row, fps=fps, steps=steps, resets=resets, gravity=gravity) for row in eliminate_at]
 
 
-def compare_game(task: Task) -> list[GameResult]:
-    """Play and compare one game at every rate and in every type; the reference plays once a rate.
+def as_played(trajectories: list[Trajectory]) -> Simulation:
+    """The reference's plays in the form of ours, to compare the reference with itself."""
+    size = len(trajectories)
+    return Simulation(
+        success=np.array([one.success for one in trajectories]),
+        steps=np.array([one.steps for one in trajectories]),
+        eliminations=np.array([one.eliminations for one in trajectories]),
+        reward=np.full(size, np.nan),
+        fault=np.zeros(size, np.int64),
+        samples=np.stack([one.samples for one in trajectories]),
+    )
+
+
+def play_ours(
+    scenes: list[Scene], plans: list[NDArray[np.int32]], fps: int, dtype: str, task: Task
+) -> Iterator[Simulation]:
+    """Play plans (B, S) of several scenes in shared chunks; one result a scene, sampled after every step."""
+    which = np.repeat(np.arange(len(scenes)), [len(rows) for rows in plans])
+    width = max(rows.shape[1] for rows in plans)
+    table = np.concatenate([np.pad(rows, ((0, 0), (0, width - rows.shape[1])), constant_values=-1) for rows in plans])
+    given = {"fps": fps, "duration": task.duration, "dtype": dtype, "sample_every": 1, "resets": task.resets}
+    played = iphyre_jax.simulate_many(scenes, which, table, **given)  # type: ignore[arg-type]  # one dict of both kinds
+    for index, scene in enumerate(scenes):
+        rows = which == index
+        fields = {name: value[rows] for name, value in vars(played).items()}
+        yield Simulation(**fields | {"samples": fields["samples"][:, :, : scene.n_objects]})
+
+
+def compare_scenes(task: Task) -> list[GameResult]:
+    """Play and compare scenes at every rate and in every type; the reference plays once a rate.
 
     Args:
-        task: the game and the circumstances.
+        task: the scenes and the circumstances.
 
     Returns:
-        One result for each rate and type, in that nesting.
+        One result for each scene, rate and type, in that nesting.
 
     Raises:
-        ValueError: what `iphyre_jax.load_scene` and `iphyre_jax.simulate` raise.
+        ValueError: what `iphyre_jax.load_scene` and `iphyre_jax.simulate_many` raise.
         FileNotFoundError: if a scene file is missing.
     """
-    scene = iphyre_jax.load_scene(task.scene)
-    results = []
-    for fps in task.rates:
-        eliminate_at = random_plans(scene, task.plans, fps, task.seed, task.plan_set)
-        references = play_reference(scene, eliminate_at, fps, task.duration, task.resets)
-        for dtype in task.dtypes:
-            ours = iphyre_jax.simulate(
-                scene,
-                eliminate_at,
-                fps=fps,
-                duration=task.duration,
-                dtype=dtype,
-                sample_every=1,
-                resets=task.resets,
-            )
-            comparison = compare_plans(references, ours, scene.dynamic)
-            results.append(GameResult(scene.name, fps, dtype, eliminate_at, comparison))
-    return results
+    scenes = [iphyre_jax.load_scene(scene) for scene in task.scenes]
+    results: dict[tuple[int, int, int], GameResult] = {}
+    for r, fps in enumerate(task.rates):
+        plans = [random_plans(scene, task.plans, fps, task.seed, task.plan_set) for scene in scenes]
+        around = fps, task.duration, task.resets
+        references = [play_reference(scene, rows, *around) for scene, rows in zip(scenes, plans, strict=True)]
+        senses = [_sensitivity(*game, task, fps) for game in zip(scenes, plans, references, strict=True)]
+        for d, dtype in enumerate(task.dtypes):
+            for s, ours in enumerate(play_ours(scenes, plans, fps, dtype, task)):
+                compared = compare_plans(references[s], ours, scenes[s].dynamic, fps)
+                results[s, r, d] = GameResult(
+                    scene=scenes[s],
+                    fps=fps,
+                    dtype=dtype,
+                    eliminate_at=plans[s],
+                    comparison=compared,
+                    sensitivity=senses[s],
+                    worst=_worst(references[s], ours, compared, fps),
+                    astray=_astray(scenes[s], plans[s], compared, fps, dtype, task),
+                    statistics=_statistics(scenes[s], plans[s], fps, task) if d == 0 else None,
+                )
+    return [results[key] for key in sorted(results)]
+
+
+def _astray(
+    scene: Scene, plans: NDArray[np.int32], compared: PlanComparison, fps: int, dtype: str, task: Task
+) -> tuple[Astray, ...]:
+    steps = round(task.duration * fps)
+    return tuple(
+        explain(scene, plans, compared, int(plan), fps, dtype, steps, task.resets, traced=number < task.explained)
+        for number, plan in enumerate(astray(compared, fps, dtype))
+    )
+
+
+def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) -> Pair | None:
+    """Watch the first plan that removes something."""
+    plan = min(1, len(plans) - 1)
+    steps = round(min(task.statistics, task.duration) * fps)
+    return play_statistics(scene, plans[plan], plan=plan, fps=fps, steps=steps, resets=task.resets) if steps else None
+
+
+def _sensitivity(
+    scene: Scene, eliminate_at: NDArray[np.int32], references: list[Trajectory], task: Task, fps: int
+) -> dict[float, PlanComparison]:
+    """The reference under disturbed gravity against itself."""
+    found = {}
+    for part in task.disturbances:
+        disturbed = play_reference(scene, eliminate_at, fps, task.duration, task.resets, 1.0 + part)
+        found[part] = compare_plans(references, as_played(disturbed), scene.dynamic, fps)
+    return found
+
+
+def _worst(references: list[Trajectory], ours: Simulation, comparison: PlanComparison, fps: int) -> Worst | None:
+    assert ours.samples is not None  # noqa: S101  they were asked for
+    plan, every = int(comparison.error.argmax()), max(1, round(BIN * fps))
+    if not comparison.error[plan]:
+        return None
+    pair = references[plan].samples, ours.samples[plan]
+    return Worst(plan, *(samples[::every].astype(np.float32) for samples in pair))
 
 
 def compare_games(tasks: list[Task], workers: int) -> Iterator[tuple[int, list[GameResult]]]:
-    """Compare many games, in `workers` processes if that is more than 1.
+    """Compare many scenes, in `workers` processes if that is more than 1.
 
     Args:
-        tasks: the games.
+        tasks: the scenes.
         workers: processes to use.
 
     Yields:
         The index of a task and its results, as each is done.
     """
     if workers == 1:
-        yield from enumerate(map(compare_game, tasks))
+        yield from enumerate(map(compare_scenes, tasks))
         return
     # A fresh interpreter a worker: a forked one would inherit JAX's threads in an undefined state.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        pending = {pool.submit(compare_game, task): index for index, task in enumerate(tasks)}
+        pending = {pool.submit(compare_scenes, task): index for index, task in enumerate(tasks)}
         for future in as_completed(pending):
             yield pending[future], future.result()

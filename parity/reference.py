@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
+from pymunk._chipmunk_cffi import lib
 
 from iphyre_jax import Scene
+from parity.trajectory import Trajectory
 
 GRAVITY = (0.0, 100.0)  # px/s^2, y points down
 MASS = 1.0
@@ -26,23 +28,7 @@ GOAL_Y = 600.0  # a game is solved when every ball's y is strictly greater after
 
 VERSION = pymunk.version
 
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """One play of a scene in the reference.
-
-    Attributes:
-        success: whether every ball was below the goal line after the last step.
-        steps: physics steps made, the solving one included.
-        eliminations: blocks removed by then.
-        samples: (K, N, 3) float64 x, y (px) and angle (rad) of every object at the start and after every
-            `sample_every` steps; NaN once an object is gone, the last pose repeated once the play is over.
-    """
-
-    success: bool
-    steps: int
-    eliminations: int
-    samples: NDArray[np.float64]
+_position, _angle = lib.cpBodyGetPosition, lib.cpBodyGetAngle
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,17 +55,18 @@ class ReferenceWorld:
         scene: the scene; every object becomes one body with one shape.
         resets: how often the space is filled, at least 1. The official class empties and refills one space at each
             reset; shape ids keep counting, which moves the iteration order of its hash tables and the contact ids.
+        gravity: factor of the gravity.
 
     Raises:
         ValueError: if `resets` is less than 1.
     """
 
-    def __init__(self, scene: Scene, resets: int = 1) -> None:
+    def __init__(self, scene: Scene, resets: int = 1, gravity: float = 1.0) -> None:
         if resets < 1:
             raise ValueError(f"resets: expected an integer of at least 1, got {resets!r}")
         self.scene = scene
         self.space = pymunk.Space()
-        self.space.gravity = GRAVITY
+        self.space.gravity = GRAVITY[0], GRAVITY[1] * gravity
         self.bodies: list[pymunk.Body] = []
         self.shapes: list[pymunk.Shape] = []
         self.links: list[tuple[int, int, pymunk.Constraint]] = []
@@ -87,8 +74,9 @@ class ReferenceWorld:
         for _ in range(resets):
             self._empty()
             self._fill()
-        self._moving = [i for i in range(scene.n_objects) if scene.dynamic[i]]
-        self._balls = self.bodies[scene.n_blocks :]
+        # The engine's own bodies: its functions take half as long as the properties of pymunk's.
+        self._moving = [body._body for body, moves in zip(self.bodies, scene.dynamic, strict=True) if moves]
+        self._balls = [body._body for body in self.bodies[scene.n_blocks :]]
 
     def _empty(self) -> None:
         """Take everything out in the order of the official reset: shape and body of each object, then constraints."""
@@ -130,14 +118,15 @@ class ReferenceWorld:
 
     def solved(self) -> bool:
         """Whether the centre of every ball is below the goal line now."""
-        return all(ball.position.y > GOAL_Y for ball in self._balls)
+        return all(_position(ball).y > GOAL_Y for ball in self._balls)
 
-    def read_moving(self, out: NDArray[np.float64]) -> None:
-        """Write x, y and angle of the moving objects into `out` (N, 3); other rows stay as they are."""
-        for i in self._moving:
-            body = self.bodies[i]
-            x, y = body.position
-            out[i] = x, y, body.angle
+    def moving_poses(self) -> list[float]:
+        """x, y and angle of the moving objects now, one after the other."""
+        out: list[float] = []
+        for body in self._moving:
+            at = _position(body)
+            out += (at.x, at.y, _angle(body))
+        return out
 
     def poses(self) -> NDArray[np.float64]:
         """x, y and angle of every object, (N, 3) float64, NaN where it is gone."""
@@ -202,6 +191,7 @@ def run(
     steps: int,
     resets: int = 1,
     sample_every: int = 1,
+    gravity: float = 1.0,
 ) -> Trajectory:
     """Play one plan in a space of its own, with the meaning `iphyre_jax.simulate` gives it.
 
@@ -212,28 +202,30 @@ def run(
         steps: the most steps to make; the play stops earlier with the step that solves it.
         resets: see `ReferenceWorld`.
         sample_every: steps between samples.
+        gravity: factor of the gravity, to see what a small disturbance does.
 
     Returns:
         The outcome with its samples, K = steps // sample_every + 1.
     """
-    world = ReferenceWorld(scene, resets)
+    world = ReferenceWorld(scene, resets, gravity)
     due = schedule(scene, eliminate_at)
-    samples = np.empty((steps // sample_every + 1, scene.n_objects, 3))
-    pose = world.poses()
-    samples[0] = pose
-    step_space, dt = world.space.step, 1.0 / fps
-    removed, made, solved = 0, 0, False
+    poses = world.poses()
+    track, step_space, dt = [world.moving_poses()], world.space.step, 1.0 / fps
+    removed: dict[int, int] = {}
+    made, solved = 0, False
     while made < steps and not solved:
         for index in due.get(made, ()):
             world.eliminate(index)
-            pose[index] = np.nan
-            removed += 1
+            removed[index] = made
         step_space(dt)
         made += 1
         solved = world.solved()
-        if made % sample_every == 0 or solved:
-            world.read_moving(pose)
-            if made % sample_every == 0:
-                samples[made // sample_every] = pose
-    samples[made // sample_every + 1 :] = pose
-    return Trajectory(solved, made, removed, samples)
+        if made % sample_every == 0:
+            track.append(world.moving_poses())
+    samples = np.repeat(poses[None], steps // sample_every + 1, axis=0)
+    moving = np.flatnonzero(scene.dynamic)
+    samples[: len(track), moving] = np.array(track).reshape(len(track), -1, 3)
+    samples[len(track) :, moving] = np.array(world.moving_poses()).reshape(-1, 3)
+    for index, when in removed.items():
+        samples[when // sample_every + 1 :, index] = np.nan
+    return Trajectory(solved, made, len(removed), samples)

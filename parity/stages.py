@@ -5,7 +5,7 @@ the stage and the step that makes it, not as its consequences.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,19 +58,21 @@ _BEFORE_CONTACTS = (
     _Values("positions", lambda view: view.position, tol.STAGE_POSITION),
     _Values("angles", lambda view: view.angle, tol.STAGE_POSITION),
 )
-_AFTER_CONTACTS = (
+_AT_CONTACTS = (
     _Values("normals", lambda view: view.normal, tol.STAGE_NORMAL),
     _Values("contact points on a", lambda view: view.arm_a, tol.STAGE_POINT),
     _Values("contact points on b", lambda view: view.arm_b, tol.STAGE_POINT),
     _Values("contact masses", lambda view: view.masses, tol.STAGE_MASS, relative=True),
     _Values("bounce and bias speeds", lambda view: view.speeds, tol.STAGE_SPEED),
     _Values("contact impulses", lambda view: view.impulses, tol.STAGE_IMPULSE),
+)
+_AFTER_CONTACTS = (
     _Values("velocities", lambda view: view.velocity, tol.STAGE_VELOCITY),
     _Values("angular velocities", lambda view: view.angular_velocity, tol.STAGE_VELOCITY),
 )
 
 
-def compare_step(step: int, ours: StepView, theirs: StepView, pins: int) -> Divergence | None:
+def compare_step(step: int, ours: StepView, theirs: StepView, pins: int, *, exact: bool = False) -> Divergence | None:
     """The first stage of one step that differs, in the order in which the stages happen.
 
     Args:
@@ -78,25 +80,30 @@ def compare_step(step: int, ours: StepView, theirs: StepView, pins: int) -> Dive
         ours: our view of it.
         theirs: the reference's.
         pins: how many of the constraints are pin joints, whose impulses the reference shows without their sign.
+        exact: every difference counts, not only one beyond the stage's tolerance.
 
     Returns:
         The divergence, or None where all stages agree within their tolerances.
     """
-    found = _numbers(step, ours, theirs, _BEFORE_CONTACTS) or _contacts(step, ours, theirs)
-    if found:
-        return found
     mine = ours.links.copy()
     mine[:pins] = np.abs(mine[:pins])
-    return _different(step, "joints and springs", mine, theirs.links, tol.STAGE_IMPULSE) or _numbers(
-        step, ours, theirs, _AFTER_CONTACTS
+    tolerance = 0.0 if exact else tol.STAGE_IMPULSE
+    return (
+        _numbers(step, ours, theirs, _BEFORE_CONTACTS, exact)
+        or _contacts(step, ours, theirs)
+        or _numbers(step, ours, theirs, _AT_CONTACTS, exact)
+        or _different(step, "joints and springs", mine, theirs.links, tolerance)
+        or _numbers(step, ours, theirs, _AFTER_CONTACTS, exact)
     )
 
 
-def _numbers(step: int, ours: StepView, theirs: StepView, stages: tuple[_Values, ...]) -> Divergence | None:
+def _numbers(
+    step: int, ours: StepView, theirs: StepView, stages: tuple[_Values, ...], exact: bool
+) -> Divergence | None:
     for stage in stages:
         mine, other = stage.values(ours), stage.values(theirs)
         scale = np.maximum(np.abs(other), 1e-300) if stage.relative else 1.0
-        found = _different(step, stage.stage, mine, other, stage.tolerance * scale)
+        found = _different(step, stage.stage, mine, other, 0.0 if exact else stage.tolerance * scale)
         if found:
             return found
     return None
@@ -156,7 +163,13 @@ def _just_touches(pair: Pair, *views: StepView) -> bool:
 
 
 def first_divergence(
-    scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, fps: int, steps: int, resets: int = 1
+    scene: Scene,
+    eliminate_at: NDArray[np.integer[Any]],
+    *,
+    fps: int,
+    steps: int,
+    resets: int = 1,
+    exact: bool = False,
 ) -> Divergence | None:
     """Play one plan in both engines side by side and name the first stage in which they differ.
 
@@ -166,22 +179,47 @@ def first_divergence(
         fps: physics steps a second.
         steps: the most steps to compare; the step that solves the game is the last.
         resets: number of the reset to play in.
+        exact: look for the first bit that differs, both engines running free, instead of the first difference beyond
+            a stage's tolerance with the reference's state put into ours before every step.
 
     Returns:
         The first divergence, or None.
     """
+    for step, mine, theirs in side_by_side(scene, eliminate_at, fps=fps, steps=steps, resets=resets, free=exact):
+        found = compare_step(step, mine, theirs, len(scene.joints), exact=exact)
+        if found:
+            return found
+    return None
+
+
+def side_by_side(
+    scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, fps: int, steps: int, resets: int, free: bool
+) -> Iterator[tuple[int, StepView, StepView]]:
+    """Play one plan in both engines, step by step.
+
+    Args:
+        scene: the scene.
+        eliminate_at: (S,) integers as for `iphyre_jax.simulate`.
+        fps: physics steps a second.
+        steps: the most steps to make; the step that solves the game in the reference is the last.
+        resets: number of the reset to play in.
+        free: both run free; else ours takes over the reference's state before every step.
+
+    Yields:
+        The step's index, our view of it, the reference's.
+    """
     with jax.enable_x64(True):
         ours, theirs = OurWorld(scene, resets, fps), TracedWorld(scene, resets)
-        due, pins = schedule(scene, eliminate_at), len(scene.joints)
+        due = schedule(scene, eliminate_at)
         last: StepView | None = None
         for k in range(steps):
             for index in due.get(k, ()):
                 ours.eliminate(index)
                 theirs.eliminate(index)
-            ours.state = put_in(ours.layout, ours.state, theirs.state(), last)
+            if not free:
+                ours.state = put_in(ours.layout, ours.state, theirs.state(), last)
             mine, records = ours.step(), theirs.step(1.0 / fps)
             last = their_view(ours.layout, theirs.state(), records, theirs.constraint_impulses())
-            found = compare_step(k, mine, last, pins)
-            if found or theirs.solved():
-                return found
-    return None
+            yield k, mine, last
+            if theirs.solved():
+                return

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from parity.compare import Summary
-from parity.tolerances import TARGETS
+from parity.summary import Summary
+from parity.tolerances import TARGETS, TIGHT_ERROR
 
 
 def missed_targets(fps: int, dtype: str, games: Sequence[Summary], overall: Summary) -> list[str]:
@@ -25,18 +25,21 @@ def missed_targets(fps: int, dtype: str, games: Sequence[Summary], overall: Summ
     if target is None:
         raise ValueError(f"fps: expected one of {sorted({rate for _, rate in TARGETS})} (with targets), got {fps!r}")
     missed = [
-        _below("plans within", f"{target.error:g} px", overall.within(target.error), target.share),
-        _below("plans with", "the same success flag", overall.same_flag, target.flag),
-        _below("plans with", "the same success step", overall.same_step, target.step),
-        _below("plans with", "the same removals and objects", overall.same_bookkeeping, target.step),
+        below("plans within", f"{target.error:g} px", overall.within(target.error), target.share),
+        below("plans within", f"{TIGHT_ERROR:g} px", overall.within(TIGHT_ERROR), target.tight),
+        below("plans", "equal bit for bit", overall.identical, target.identical),
+        below("plans with", "the same success flag", overall.same_flag, target.flag),
+        below("plans with", "the same success step", overall.same_step, target.step),
+        below("plans with", "the same removals and objects", overall.same_bookkeeping, target.step),
     ]
     for row in games:
-        share = target.game_exceptions.get(row.name, target.game_share)
-        missed.append(_below(f"{row.name}: plans within", f"{target.error:g} px", row.within(target.error), share))
+        within = row.within(target.error)
+        missed.append(below(f"{row.name}: plans within", f"{target.error:g} px", within, target.game_share))
     if overall.faults:
         missed.append(f"plans that end in a fault: {overall.faults}, expected none")
     return [sentence for sentence in missed if sentence]
 
 
-def _below(subject: str, what: str, share: float, needed: float) -> str:
+def below(subject: str, what: str, share: float, needed: float) -> str:
+    """The sentence about a target that is missed; empty if it is reached."""
     return f"{subject} {what}: {100 * share:.2f} %, expected at least {100 * needed:.2f} %" if share < needed else ""

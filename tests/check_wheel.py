@@ -29,6 +29,8 @@ def main() -> None:
     assert "site-packages" in str(files("iphyre_jax")), f"not the wheel's: {iphyre_jax.__file__}"
     assert iphyre_jax.__version__ == distribution("iphyre-jax").version
     assert files("iphyre_jax").joinpath("py.typed").is_file()
+    pages = files("iphyre_jax").joinpath("viewer", "pages")
+    assert {"play.html", "replay.html", "style.css", "stage.js"} <= {page.name for page in pages.iterdir()}
     licences = {file.name for file in distribution("iphyre-jax").files or [] if ".dist-info" in str(file)}
     assert {"LICENSE", "NOTICE"} <= licences, licences
 

@@ -33,7 +33,9 @@ PARTS = (
     "adapters",
     "compat",
     "train",
+    "viewer",
     "scene_commands",
+    "viewer_commands",
     "train_commands",
     "commands",
     "cli",
@@ -41,7 +43,7 @@ PARTS = (
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
-ABOVE_THE_CORE = {"train", "scene_commands", "train_commands", "commands", "cli"}
+ABOVE_THE_CORE = {"train", "scene_commands", "viewer_commands", "train_commands", "commands", "cli"}
 ADAPTED = {"gymnasium", "brax"}
 
 

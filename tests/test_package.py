@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = {"train", "parity", "brax", "gymnasium", "viewer", "dev", "all"}
+EXTRAS = {"train", "parity", "brax", "gymnasium", "viewer", "dev", "all", "browser"}
 TARGETS = ("help", "venv", "run", "test", "lint", "parity", "wheel", "bench")
 
 

@@ -222,11 +222,15 @@ def test_many_equals_one_by_one_in_the_callers_order(dtype: str) -> None:
     plan = np.full((160, 6), -1)
     for row, k in enumerate(which):
         plan[row, : len(scenes[k].eliminable_blocks)] = drawn(scenes[k], 1, row)[0]
-    many = simulate_many(scenes, which, plan, fps=10, dtype=dtype)
-    assert many.samples is None
+    many = simulate_many(scenes, which, plan, fps=10, dtype=dtype, sample_every=30)
+    assert many.samples is not None
+    assert many.samples.shape == (160, 6, max(scene.n_objects for scene in scenes), 3)
     for k in range(len(scenes)):
         mine = which == k
-        alone = simulate(scenes[k], plan[mine], fps=10, dtype=dtype)
+        alone = simulate(scenes[k], plan[mine], fps=10, dtype=dtype, sample_every=30)
+        assert alone.samples is not None
+        np.testing.assert_array_equal(many.samples[mine, :, : scenes[k].n_objects], alone.samples)
+        assert np.isnan(many.samples[mine, :, scenes[k].n_objects :]).all()
         for name in ("success", "steps", "eliminations", "reward", "fault"):
             np.testing.assert_array_equal(getattr(many, name)[mine], getattr(alone, name))
     assert 0 < many.success.sum() < 160

@@ -92,3 +92,13 @@ def test_six_moving_bodies_agree() -> None:
     static, moving = [True] * 3, [False] * 6
     scene = Scene("six movers", tables + bars, balls, static + moving, [not flag for flag in static + moving])
     compare(scene, np.array([[-1, -1, -1], [30, -1, 5], [12, 20, 25]]), fps=10)
+
+
+def test_a_play_that_needs_more_slots_is_played_again() -> None:
+    """A ball in a star of six bars touches all at once; a topology of one ball has room for four points."""
+    angles = np.arange(6) * np.pi / 3
+    star = [[[300 + r * np.cos(a), 300 + r * np.sin(a)] for r in (25, 80)] for a in angles]
+    alone = [[[50.0, 550.0], [100.0, 550.0]]]
+    removable = [True] * 3 + [False] * 5
+    scene = Scene("a star", [*star, *alone], [[300.0, 300.0, 20.0]], removable, [False] * 7 + [True])
+    compare(scene, np.array([[-1, -1, -1], [3, -1, 7], [0, 5, -1], [-1, 20, 0]]), fps=10)

@@ -2,7 +2,8 @@
 
 In place of `from iphyre.simulator import IPHYRE`, `from iphyre.games import GAMES, PARAS, MAX_OBJ_NUM, MAX_ELI_OBJ_NUM`
 and `from iphyre.utils import generate_actions`, import the same names from here. The physics is float64 and follows the
-official one reset for reset. Not here: what opens a window (`play`, `simulate_vis`, `collect_while_play`).
+official one reset for reset. What opens a window (`play`, `simulate_vis`, `collect_while_play`) raises
+NotImplementedError and says what does the same without one.
 """
 
 from iphyre_jax.compat.actions import generate_actions

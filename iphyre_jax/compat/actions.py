@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.mixture import Games, Mixture, Stretch, start
+from iphyre_jax.envs.mixture import Games, Mixture
+from iphyre_jax.envs.stretches import Stretch, start
 from iphyre_jax.physics.types import Timing, World
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.rollouts import Outcome
@@ -63,6 +64,26 @@ def generate_actions(
         RuntimeError: a world is no longer sound; one line.
     """
     scene = load_scene(game)
+    instants = _instants(scene, interval, max_game_time, max_action_time, max_step)
+    plans = _draw(instants, len(scene.eliminable_blocks), max_step, seed, epsilon)
+    succeeded: list[Action] = []
+    failed: list[Action] = []
+    drawn = 0
+    for plan, (solved, removed, seconds) in _played(scene, plans):
+        if len(succeeded) >= num_succeed and len(failed) >= num_fail:
+            break
+        drawn += 1
+        done = [float(t * (t <= seconds)) for t in plan]
+        chosen, wanted = (succeeded, num_succeed) if solved else (failed, num_fail)
+        if len(chosen) < wanted:
+            chosen.append([*done, solved, removed, seconds])
+    return succeeded, failed, drawn
+
+
+def _instants(
+    scene: Scene, interval: float, max_game_time: float, max_action_time: float, max_step: int
+) -> list[float]:
+    """Return the instants from which times are drawn, s."""
     blocks = len(scene.eliminable_blocks)
     if not 0 < max_action_time <= max_game_time:
         raise ValueError(f"max_action_time: expected seconds from 0 to {max_game_time}, got {max_action_time!r}")
@@ -71,23 +92,14 @@ def generate_actions(
     instants = list(np.arange(0, max_action_time, interval))
     if len(instants) < blocks:
         raise ValueError(f"interval: expected at least {blocks} instants below {max_action_time} s, got {interval!r}")
-    plans = _draw(instants, blocks, max_step, seed, epsilon)
-    succeeded: list[Action] = []
-    failed: list[Action] = []
-    iteration = 0
+    return instants
+
+
+def _played(scene: Scene, plans: Iterator[Action]) -> Iterator[tuple[Action, tuple[int, int, float]]]:
+    """Play plans batch by batch; each with solved, blocks removed and seconds."""
     for first in count(2, BATCH):  # the class was reset once before the first plan
-        if len(succeeded) >= num_succeed and len(failed) >= num_fail:
-            break
         batch = list(islice(plans, BATCH))
-        for plan, (solved, removed, seconds) in zip(batch, _play(scene, batch, first), strict=True):
-            if len(succeeded) >= num_succeed and len(failed) >= num_fail:
-                break
-            iteration += 1
-            done = [float(t * (t <= seconds)) for t in plan]
-            chosen, wanted = (succeeded, num_succeed) if solved else (failed, num_fail)
-            if len(chosen) < wanted:
-                chosen.append([*done, solved, removed, seconds])
-    return succeeded, failed, iteration
+        yield from zip(batch, _play(scene, batch, first), strict=True)
 
 
 def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:

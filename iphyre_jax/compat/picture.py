@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.compat.world import SteppedWorld
-from iphyre_jax.drawing import Drawing, colours, draw
+from iphyre_jax.drawing import Drawing, colours, draw, painting_order
 
 SIZE = 600  # px
 
@@ -25,13 +25,13 @@ def picture(world: SteppedWorld) -> npt.NDArray[np.uint8]:
     edge = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius[:, None]
     links = [np.array([[*position[i], *position[j]] for i, j in pairs]).reshape(-1, 4) for pairs in _pairs(world)]
     there = [np.array([world.alive[i] and world.alive[j] for i, j in pairs], bool) for pairs in _pairs(world)]
+    dynamic = jnp.asarray(features.constants[:, 2] > 0)
+    order = painting_order(dynamic)
     drawing = Drawing(
-        ends=jnp.asarray(table[:, :4]),
-        radius=jnp.asarray(radius),
-        colour=colours(
-            jnp.asarray(is_ball), jnp.asarray(features.constants[:, 1] > 0), jnp.asarray(features.constants[:, 2] > 0)
-        ),
-        there=jnp.asarray(world.alive),
+        ends=jnp.asarray(table[:, :4])[order],
+        radius=jnp.asarray(radius)[order],
+        colour=colours(jnp.asarray(is_ball), jnp.asarray(features.constants[:, 1] > 0), dynamic)[order],
+        there=jnp.asarray(world.alive)[order],
         spokes=jnp.asarray(np.concatenate([position, position + edge], axis=1)[balls]),
         spoke_length=jnp.asarray(radius[balls]),
         joints=jnp.asarray(links[0]),

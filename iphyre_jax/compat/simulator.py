@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import jax
 import numpy as np
@@ -125,6 +125,20 @@ class IPHYRE:
         """Save sequences of states under timed clicks; see `iphyre_jax.compat.data.save_sequences`."""
         data.save_sequences(self, save_path, act_lists, fps, images)
 
+    def play(self) -> NoReturn:
+        """Raise NotImplementedError: the official class opens a window; `step` and `picture` do the same without."""
+        raise _no_window("play", "step and picture")
+
+    def simulate_vis(self, action: Sequence[Click] = ()) -> NoReturn:
+        """Raise NotImplementedError: the official class opens a window; `collect_seq_data` saves the same pictures."""
+        raise _no_window("simulate_vis", "simulate for the result and collect_seq_data for its pictures")
+
+    def collect_while_play(
+        self, player_name: str = "", max_episode: int = 5, save_path: str = "./player_data.json"
+    ) -> NoReturn:
+        """Raise NotImplementedError: the official class opens a window for a person to play in."""
+        raise _no_window("collect_while_play", "step, whose actions and rewards are yours to save")
+
     def picture(self) -> npt.NDArray[np.uint8]:
         """Return the picture of the world as it is, (600, 600, 3) uint8 in red, green, blue."""
         with jax.enable_x64(True):
@@ -193,6 +207,10 @@ class IPHYRE:
             if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
                 return block
         return None
+
+
+def _no_window(name: str, instead: str) -> NotImplementedError:
+    return NotImplementedError(f"{name}: expected a window, which iphyre_jax.compat does not open; use {instead}")
 
 
 def _position(pos: object) -> tuple[float, float]:

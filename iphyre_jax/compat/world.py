@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.mixture import Stretch, play_lanes, start
+from iphyre_jax.envs.stretches import Stretch, play_lanes, start
 from iphyre_jax.observe import object_rows, scene_features
 from iphyre_jax.physics import eliminate
 from iphyre_jax.physics.types import State, Timing, Topology, World

@@ -1,21 +1,28 @@
 """Environments: the paper's three strategies as pure functions over batched worlds."""
 
+from iphyre_jax.envs.batch import Batch
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.evaluation import Scores, evaluate
 from iphyre_jax.envs.params import EnvParams, EnvState, make_params
 from iphyre_jax.envs.registry import environment_ids, make, register
 from iphyre_jax.envs.spaces import Box, Discrete
+from iphyre_jax.envs.unrolling import Steps, observations, unroll, unroll_on_threads
 
 __all__ = [
+    "Batch",
     "Box",
     "Discrete",
     "EnvParams",
     "EnvState",
     "Environment",
     "Scores",
+    "Steps",
     "environment_ids",
     "evaluate",
     "make",
     "make_params",
+    "observations",
     "register",
+    "unroll",
+    "unroll_on_threads",
 ]

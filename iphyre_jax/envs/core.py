@@ -14,15 +14,18 @@ from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, motion, official_rows, standing
-from iphyre_jax.envs.mixture import Mixture, Stretch
+from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, Features, motion, official_rows, standing
+from iphyre_jax.envs.mixture import Mixture
 from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, row
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
+from iphyre_jax.envs.stretches import Stretch
+from iphyre_jax.physics.types import World
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
-from iphyre_jax.rollouts import Outcome
+from iphyre_jax.rollouts import Outcome, Progress
 from iphyre_jax.scenes import MAX_ELIMINABLE
 from iphyre_jax.scenes.build import timing
 
@@ -94,13 +97,12 @@ class Environment:
         Returns:
             As `reset`.
         """
-        self._check_dtype()
+        self.check_dtype()
         state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(MAX_ELIMINABLE, bool))
         return self.observe(state, params), state
 
-    @partial(jax.jit, static_argnums=0)
     def step(
-        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+        self, key: jax.Array, state: EnvState, action: ArrayLike, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         """Play one decision.
 
@@ -109,17 +111,28 @@ class Environment:
         Args:
             key: random key for the game that follows under autoreset.
             state: of the episode.
-            action: a member of `action_space`; other numbers, NaN included, do nothing.
+            action: a member of `action_space`; numbers beyond it, NaN included, do nothing.
             params: the games.
 
         Returns:
             The observation, the state, the reward (() float32: 1000 if solved, -10 a removed block, -1 a second), the
             official flags terminated and truncated (() bool) and the info of the transition: `info` of the state before
             any reset.
+
+        Raises:
+            ValueError: the action has another shape or type than the space, or JAX not the physics' type; one line.
         """
-        self._check_dtype()
+        self.check_dtype()
+        out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
+        out = self._step(key, state, self.action_space().array(action), params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _step(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         after, reward = self._play(state, action, params)
-        ending = self._ending(after)
+        ending = self.ending(after.progress)
         info = self.info(after, params)
         if self.autoreset:
             fresh = self.reset(key, params)
@@ -132,17 +145,24 @@ class Environment:
     @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return what an agent sees of a state."""
-        features, world = row(params.features, state.game), row(params.world, state.game)
+        return self.view(row(params.features, state.game), row(params.world, state.game), state.progress)
+
+    def view(self, features: Features, world: World, progress: Progress) -> jax.Array:
+        """Return what an agent sees of a world; of worlds in lanes, trailing axes, lanes of observations."""
         if self.observation == "image":
             from iphyre_jax.envs.images import image
 
-            return image(features, world, state.progress, self.image_size)
-        seen = [official_rows(features, world, state.progress)]
+            draw = partial(image, size=self.image_size)
+            for _ in range(progress.state.step.ndim):
+                draw = jax.vmap(draw, in_axes=-1, out_axes=-1)
+            return draw(features, world, progress)
+        lanes = progress.state.step.shape
+        seen = [official_rows(features, world, progress)]
         if self.strategy.no_op_candidate:
-            seen.append(jnp.zeros(2, jnp.float32))
-        seen.append(features.candidates.reshape(-1))
+            seen.append(jnp.zeros((2, *lanes), jnp.float32))
+        seen.append(features.candidates.reshape(-1, *lanes))
         if self.observation == "motion":
-            seen.append(motion(features, state.progress, self.protocol))
+            seen.append(motion(features, progress, self.protocol))
         return jnp.concatenate(seen)
 
     def info(self, state: EnvState, params: EnvParams) -> Info:
@@ -153,14 +173,19 @@ class Environment:
             blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; final_observation,
             what an agent sees of this state.
         """
-        outcome = state.progress.outcome
+        return {
+            **self.counters(state.progress.outcome),
+            "game": state.game,
+            "final_observation": self.observe(state, params),
+        }
+
+    def counters(self, outcome: Outcome) -> Info:
+        """Return the numbers of `info` that come from the physics alone."""
         return {
             "success": outcome.success,
             "fault": outcome.fault,
             "eliminations": outcome.eliminations,
             "time": outcome.steps.astype(jnp.float32) / self.protocol.fps,
-            "game": state.game,
-            "final_observation": self.observe(state, params),
         }
 
     def action_space(self, params: EnvParams | None = None) -> Space:
@@ -188,26 +213,34 @@ class Environment:
         """Play one decision; an episode that has ended stays as it is."""
         world, before = row(params.world, state.game), state.progress
         order = self.strategy.order(action, before.state.step, state.used, standing(world, before), self.protocol)
-        ended = jnp.any(jnp.stack(self._ending(state)))
+        ended = self.has_ended(before)
         until = jnp.where(ended, before.state.step, order.until)
         stretch = Stretch(state.game, order.plan, until)
         times, games = _opaque((timing(self.protocol.fps, self.dtype), params.table))
         progress = self.mixture.play(times, games, stretch, before)
         used = jnp.where(ended, state.used, order.used)
-        return replace(state, progress=progress, used=used), self._reward(before.outcome, progress.outcome)
+        return replace(state, progress=progress, used=used), self.reward(before.outcome, progress.outcome)
 
-    def _reward(self, before: Outcome, after: Outcome) -> jax.Array:
+    def reward(self, before: Outcome, after: Outcome) -> jax.Array:
+        """Return the reward of what lies between two outcomes of an episode, () float32."""
         solved = (after.success & ~before.success).astype(jnp.float32)
         removed = (after.eliminations - before.eliminations).astype(jnp.float32)
         seconds = (after.steps - before.steps).astype(jnp.float32) / self.protocol.fps
         return SUCCESS_REWARD * solved + (ELIMINATION_REWARD * removed + SECOND_REWARD * seconds)
 
-    def _ending(self, state: EnvState) -> Ending:
-        outcome = state.progress.outcome
-        stopped = (state.progress.state.step >= self.protocol.steps) | (outcome.fault != 0)
+    def ending(self, progress: Progress) -> Ending:
+        """Return the official flags of an episode as it stands."""
+        outcome = progress.outcome
+        stopped = (progress.state.step >= self.protocol.steps) | (outcome.fault != 0)
         return self.strategy.ending(outcome.success, stopped)
 
-    def _check_dtype(self) -> None:
+    def has_ended(self, progress: Progress) -> jax.Array:
+        """Return whether an episode has ended, () bool."""
+        ending = self.ending(progress)
+        return ending.terminated | ending.truncated
+
+    def check_dtype(self) -> None:
+        """Raise ValueError, one line, where JAX does not have the physics' dtype."""
         if jax.dtypes.canonicalize_dtype(self.dtype) != self.dtype:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 

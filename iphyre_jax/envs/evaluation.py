@@ -4,24 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from os import PathLike
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.batch import Batch
 from iphyre_jax.envs.core import Environment, ObservationName
-from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, mixture_of
+from iphyre_jax.envs.params import SceneLike, load_scenes, make_params, mixture_of
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.envs.strategies import strategy_named
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.envs.unrolling import ActingPolicy, unroll_on_threads
+from iphyre_jax.reward import episode_reward
+from iphyre_jax.scenes import GAMES, SPLITS, Scene
 
 Policy = Callable[[jax.Array, jax.Array], jax.Array]
 """`policy(key, observation) -> action` for one world, in JAX."""
-
-_COUNTERS = ("success", "eliminations", "time", "fault")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,66 +106,52 @@ def evaluate(
     if not callable(policy):
         raise ValueError(f"policy: expected a function of a key and an observation, got {policy!r}")
     scenes = load_scenes(_games(split))
+    environment = _environment(scenes, strategy, protocol, observation, image_size, dtype)
+    params = make_params(scenes, environment.mixture, environment.protocol, dtype)
+    batch = Batch.of(environment, params, np.repeat(np.arange(len(scenes)), episodes))
+    key = jax.random.key(0) if key is None else key
+    decisions = environment.strategy.decisions
+    _, steps = unroll_on_threads(environment, _acting(policy), (), batch, key, decisions=decisions)
+    by_game = np.argsort(np.asarray(batch.game), kind="stable")
+    last = {name: np.asarray(value)[-1][by_game].reshape(len(scenes), episodes) for name, value in steps.info.items()}
+    made = np.rint(last["time"] * environment.protocol.fps).astype(np.int64)
+    return Scores(
+        games=environment.games,
+        reward=episode_reward(last["success"], last["eliminations"], made, environment.protocol.fps),
+        success=last["success"],
+        eliminations=last["eliminations"].astype(np.int64),
+        seconds=made / environment.protocol.fps,
+        fault=last["fault"].astype(np.int64),
+    )
+
+
+def _environment(
+    scenes: Sequence[Scene], strategy: str, protocol: str, observation: ObservationName, image_size: int, dtype: str
+) -> Environment:
+    """Return an environment of whole episodes."""
     timing = protocol_named(protocol)
-    mixture = mixture_of(scenes, timing, dtype)
-    environment = Environment(
+    return Environment(
         name="evaluation",
         games=tuple(scene.name for scene in scenes),
         strategy=strategy_named(strategy),
         protocol=timing,
-        mixture=mixture,
+        mixture=mixture_of(scenes, timing, dtype),
         dtype=dtype,
         observation=observation,
         image_size=image_size,
         autoreset=False,
     )
-    params = make_params(scenes, mixture, timing, dtype)
-    game = jnp.repeat(jnp.arange(len(scenes), dtype=jnp.int32), episodes)
-    keys = jax.random.split(jax.random.key(0) if key is None else key, len(game))
-    reward, info = jax.jit(jax.vmap(lambda k, g: play(environment, policy, k, g, params)))(keys, game)
-    table = {name: np.asarray(value).reshape(len(scenes), episodes) for name, value in info.items()}
-    return Scores(
-        games=tuple(scene.name for scene in scenes),
-        reward=np.asarray(reward, np.float64).reshape(len(scenes), episodes),
-        success=table["success"],
-        eliminations=table["eliminations"].astype(np.int64),
-        seconds=table["time"].astype(np.float64),
-        fault=table["fault"].astype(np.int64),
-    )
 
 
-def play(
-    environment: Environment, policy: Policy, key: jax.Array, game: jax.Array, params: EnvParams
-) -> tuple[jax.Array, dict[str, Any]]:
-    """Play one episode of a game to its end.
+@lru_cache(maxsize=16)
+def _acting(policy: Policy) -> ActingPolicy:
+    """Return a policy as `unroll` wants it; the same for the same policy, which is then compiled once."""
 
-    Args:
-        environment: without autoreset.
-        policy: of one world.
-        key: random key.
-        game: () int32, row of the parameters.
-        params: the games.
+    def act(weights: object, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, tuple[()]]:
+        del weights
+        return policy(key, seen), ()
 
-    Returns:
-        The reward of the episode, () float32, and success, eliminations, time and fault at its end.
-    """
-    Carry = tuple[jax.Array, jax.Array, EnvState, jax.Array, jax.Array]
-
-    def going(carry: Carry) -> jax.Array:
-        return ~carry[4]
-
-    def decide(carry: Carry) -> Carry:
-        key, seen, state, total, _ = carry
-        key, action_key, step_key = jax.random.split(key, 3)
-        action = policy(action_key, seen)
-        seen, state, reward, terminated, truncated, _ = environment.step(step_key, state, action, params)
-        return key, seen, state, total + reward, terminated | truncated
-
-    seen, state = environment.reset_to(game, params)
-    start = key, seen, state, jnp.zeros((), jnp.float32), jnp.zeros((), bool)
-    _, _, state, total, _ = jax.lax.while_loop(going, decide, start)
-    info = environment.info(state, params)
-    return total, {name: info[name] for name in _COUNTERS}
+    return act
 
 
 def _games(split: object) -> object:

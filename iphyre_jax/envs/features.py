@@ -3,11 +3,14 @@
 The official observation is described in `iphyre_jax.observe`, whose host functions these agree with. Here one belongs
 to every decision of thousands of worlds, so nothing is gathered: the rows of a scene's start are a table from which
 removed blocks are blanked, and the few moving bodies are written over their rows.
+
+Shapes are those of one world; lanes, further worlds, may stand behind every axis, as in `physics`. What goes into the
+table is kept behind barriers, so that the table itself is one loop of selects over the lanes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -17,7 +20,8 @@ import numpy as np
 from iphyre_jax.envs.mixture import Mixture
 from iphyre_jax.envs.protocols import FRAMES, Protocol
 from iphyre_jax.observe import LENGTH_COLUMNS, SCREEN, object_rows, scene_features
-from iphyre_jax.physics.types import World
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
@@ -33,6 +37,7 @@ class Features:
     """What the observations of a scene need; n moving bodies and m moving bars in the largest scene of the mixture."""
 
     rows: jax.Array  # (12, 9) the official table at the start, px and flags
+    seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
     mover: jax.Array  # (n,) int32, object of each moving body, NOTHING if there are fewer
     ends: jax.Array  # (m, 2, 2) px, end points of the moving bars less their centres at angle 0; zero for balls
     slot_object: jax.Array  # (6,) int32, object of each slot of a plan, NOTHING if there are fewer
@@ -45,12 +50,15 @@ def scene_tables(scene: Scene, mixture: Mixture, dtype: str) -> Features:
     """Return the features of a scene of a mixture (host, NumPy)."""
     host = scene_features(scene)
     rows = object_rows(host, host.position, np.zeros(MAX_OBJECTS), host.present)
+    scaled = rows.astype(np.float32)
+    scaled[:, :LENGTH_COLUMNS] /= np.float32(SCREEN)
     movers = np.flatnonzero(scene.dynamic)
     bars = max(topology.bars for topology in mixture.topologies)
     ends = np.zeros((bars, 2, 2))
     ends[: min(bars, len(movers))] = host.ends[movers[:bars]]
     features: dict[str, Any] = {
         "rows": rows.astype(dtype),
+        "seen": scaled.clip(0.0, 1.0),
         "mover": _padded(movers, max(topology.moving for topology in mixture.topologies)),
         "ends": ends.astype(dtype),
         "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), MAX_ELIMINABLE),
@@ -73,9 +81,20 @@ def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, A
     return padded
 
 
+def own_features(features: Features, topology: Topology) -> Features:
+    """Return the features of worlds of one topology without the rows that a larger one of the mixture has."""
+    return replace(
+        features,
+        mover=features.mover[: topology.moving],
+        ends=features.ends[: topology.bars],
+        joints=features.joints[: len(topology.pins)],
+        springs=features.springs[: len(topology.springs)],
+    )
+
+
 def standing(world: World, progress: Progress) -> jax.Array:
     """Return which slots of a plan stand for a block that is still there, (6,) bool."""
-    here = [jnp.any((world.column == slot) & progress.state.alive) for slot in range(MAX_ELIMINABLE)]
+    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(MAX_ELIMINABLE)]
     return jnp.stack(here)
 
 
@@ -84,19 +103,49 @@ def object_table(features: Features, world: World, progress: Progress) -> tuple[
 
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
-    index = jnp.arange(MAX_OBJECTS, dtype=jnp.int32)
-    gone = (features.slot_object[:, None] == index[None, :]) & ~standing(world, progress)[:, None]
-    there = (features.rows[:, 4] > 0) & ~jnp.any(gone, axis=0)
-    rows = features.rows
-    if features.joints.shape[0]:
-        rows = rows.at[:, 7].set(_pair_number(features.joints, there).astype(rows.dtype))
-    if features.springs.shape[0]:
-        rows = rows.at[:, 8].set(_pair_number(features.springs, there).astype(rows.dtype))
-    placed = _placed(features, progress)
+    there = _there(features, standing(world, progress))
+    placed = jax.lax.optimization_barrier(_placed(features, progress))
+    numbers = [_pair_number(member, there).astype(features.rows.dtype) for member in _members(features)]
+    return _table(features, features.rows, there, placed, numbers), there
+
+
+def official_rows(features: Features, world: World, progress: Progress) -> jax.Array:
+    """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
+    there = _there(features, standing(world, progress))
+    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
+    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
+    placed = [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(features, progress)]
+    flags = [(_pair_number(member, there) > 0).astype(jnp.float32) for member in _members(features)]
+    there = there & _is_sound(progress)[None]
+    there, placed, flags = jax.lax.optimization_barrier((there, placed, flags))
+    table = _table(features, features.seen, there, placed, flags)
+    return table.reshape(ROWS_SIZE, *table.shape[2:])
+
+
+def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Array:
+    """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
+
+    By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
+    """
+    moves, step = progress.state.motion, progress.state.step
+    index = lanes.iota(MAX_OBJECTS, step)
+    table = jnp.zeros((MAX_OBJECTS, 3, *step.shape), jnp.float32)
     for body in range(features.mover.shape[0]):
-        here = (index == features.mover[body])[:, None]
-        rows = jnp.concatenate([jnp.where(here, placed[body][None, :], rows[:, :4]), rows[:, 4:]], axis=1)
-    return jnp.where(there[:, None], rows, jnp.zeros((), rows.dtype)), there
+        speed = jnp.stack([moves.velocity.x[body] / SCREEN, moves.velocity.y[body] / SCREEN, moves.angular[body]])
+        here = (index == features.mover[body][None])[:, None]
+        table = jnp.where(here, speed.astype(jnp.float32)[None], table)
+    time = step.astype(jnp.float32) / (FRAMES * protocol.steps_per_frame)
+    seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
+    return jnp.where(_is_sound(progress)[None], seen, jnp.zeros((), jnp.float32))
+
+
+def _there(features: Features, standing: jax.Array) -> jax.Array:
+    """Return which of the twelve objects are there, (12,) bool."""
+    index = lanes.iota(MAX_OBJECTS, standing[0])
+    there = features.rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    for slot in range(MAX_ELIMINABLE):
+        there = there & ((index != features.slot_object[slot][None]) | standing[slot][None])
+    return there
 
 
 def _placed(features: Features, progress: Progress) -> list[jax.Array]:
@@ -114,41 +163,39 @@ def _placed(features: Features, progress: Progress) -> list[jax.Array]:
     return placed
 
 
+def _members(features: Features) -> tuple[jax.Array, jax.Array]:
+    """Return the objects of the joints, then of the springs."""
+    return features.joints, features.springs
+
+
 def _pair_number(member: jax.Array, there: jax.Array) -> jax.Array:
     """Return the 1-based number, among those left, of the last pair each object belongs to, (12,) int32; 0 for none."""
-    left = jnp.zeros((), jnp.int32)
-    number = jnp.zeros(MAX_OBJECTS, jnp.int32)
+    left = jnp.zeros(there.shape[1:], jnp.int32)
+    number = jnp.zeros(there.shape, jnp.int32)
     for pair in member:
-        remains = jnp.any(pair) & ~jnp.any(pair & ~there)
+        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~there, axis=0)
         left = left + remains.astype(jnp.int32)
-        number = jnp.where(pair & remains, left, number)
+        number = jnp.where(pair & remains[None], left[None], number)
     return number
 
 
-def official_rows(features: Features, world: World, progress: Progress) -> jax.Array:
-    """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    rows = object_table(features, world, progress)[0].astype(jnp.float32)
-    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
-    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
-    seen = jnp.concatenate([rows[:, :LENGTH_COLUMNS] / screen, rows[:, LENGTH_COLUMNS:]], axis=1).clip(0.0, 1.0)
-    return _sound(progress, seen.reshape(-1))
+def _table(
+    features: Features, start: jax.Array, there: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
+) -> jax.Array:
+    """Write what has changed over the table (12, 9) of the start: places, pairs' numbers, zeros for what is gone."""
+    index = lanes.iota(MAX_OBJECTS, there[0])
+    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (there.ndim - 1))
+    table = start
+    for body, ends in enumerate(placed):
+        whole = jax.lax.optimization_barrier(jnp.pad(ends, [(0, start.shape[1] - 4)] + [(0, 0)] * (ends.ndim - 1)))
+        here = (index == features.mover[body][None])[:, None] & (column < 4)
+        table = jnp.where(here, whole[None], table)
+    for place, member, number in zip((7, 8), _members(features), numbers, strict=True):
+        if member.shape[0]:
+            table = jnp.where(column == place, number[:, None], table)
+    return jnp.where(there[:, None], table, jnp.zeros((), table.dtype))
 
 
-def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Array:
-    """Return velocities and time, (37,) float32, not clipped.
-
-    By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
-    """
-    index = jnp.arange(MAX_OBJECTS, dtype=jnp.int32)
-    moves = progress.state.motion
-    table = jnp.zeros((MAX_OBJECTS, 3), jnp.float32)
-    for body in range(features.mover.shape[0]):
-        speed = jnp.stack([moves.velocity.x[body] / SCREEN, moves.velocity.y[body] / SCREEN, moves.angular[body]])
-        table = jnp.where((index == features.mover[body])[:, None], speed.astype(jnp.float32)[None, :], table)
-    time = progress.state.step.astype(jnp.float32) / (FRAMES * protocol.steps_per_frame)
-    return _sound(progress, jnp.concatenate([table.reshape(-1), time.reshape(1)]))
-
-
-def _sound(progress: Progress, seen: jax.Array) -> jax.Array:
-    """Return an observation, or zeros where the world is not finite: nobody's policy should meet a NaN."""
-    return jnp.where(progress.outcome.fault == FAULT_NOT_FINITE, jnp.zeros((), seen.dtype), seen)
+def _is_sound(progress: Progress) -> jax.Array:
+    """Return whether a world is finite, () bool; of one that is not nothing is shown: no policy should meet a NaN."""
+    return progress.outcome.fault != FAULT_NOT_FINITE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.drawing import Drawing, colours, draw
+from iphyre_jax.drawing import Drawing, colours, draw, painting_order
 from iphyre_jax.envs.features import Features, object_table
 from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
@@ -27,11 +27,12 @@ def drawing_of(features: Features, world: World, progress: Progress) -> Drawing:
     spokes, spoke_length = _spokes(features, ball, progress)
     joints, joint_there = _links(features.joints, centre, there)
     springs, spring_there = _links(features.springs, centre, there)
+    order = painting_order(start[:, 6] > 0)
     return Drawing(
-        ends=table[:, :4],
-        radius=start[:, 4],
-        colour=colours(ball, start[:, 5] > 0, start[:, 6] > 0),
-        there=there,
+        ends=table[order, :4],
+        radius=start[order, 4],
+        colour=colours(ball, start[:, 5] > 0, start[:, 6] > 0)[order],
+        there=there[order],
         spokes=spokes,
         spoke_length=spoke_length,
         joints=joints,

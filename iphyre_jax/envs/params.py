@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.envs.features import Features, scene_tables
-from iphyre_jax.envs.mixture import Games, Mixture, start
+from iphyre_jax.envs.mixture import Games, Mixture
 from iphyre_jax.envs.protocols import Protocol
+from iphyre_jax.envs.stretches import start
 from iphyre_jax.physics.types import World
 from iphyre_jax.programs import built
 from iphyre_jax.rollouts import Progress

@@ -35,6 +35,14 @@ class Box:
             return jax.random.randint(key, self.shape, int(self.low), int(self.high) + 1, np.int32).astype(self.dtype)
         return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
 
+    def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
+        """Return a value as an array of the space's shape, with lanes behind; its numbers may lie anywhere.
+
+        Raises:
+            ValueError: it has another shape or holds no numbers; one line.
+        """
+        return _array(value, (*self.shape, *lanes), "fiu", "numbers")
+
     def contains(self, value: npt.ArrayLike) -> bool:
         """Return whether a value has the shape and type and lies between the bounds (host)."""
         array: np.ndarray[Any, Any] = np.asarray(value)
@@ -63,6 +71,14 @@ class Discrete:
         """Return a random member, () int32."""
         return jax.random.randint(key, (), 0, self.n, self.dtype)
 
+    def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
+        """Return a value as an array without axes but lanes; its numbers may lie anywhere.
+
+        Raises:
+            ValueError: it has another shape or holds no whole numbers; one line.
+        """
+        return _array(value, lanes, "iu", "whole numbers")
+
     def contains(self, value: npt.ArrayLike) -> bool:
         """Return whether a value is one whole number of the range (host)."""
         array = np.asarray(value)
@@ -70,3 +86,16 @@ class Discrete:
 
 
 Space = Box | Discrete
+
+
+def _array(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> jax.Array:
+    """Return an action as an array, also inside `jax.jit`, where only its shape and type are known."""
+    try:
+        array: Any = value if isinstance(value, jax.Array) else np.asarray(value)
+    except ValueError:
+        raise ValueError("action: expected an array, got rows of unequal length") from None
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"action: expected {wanted}, got dtype {array.dtype}")
+    if array.shape != shape:
+        raise ValueError(f"action: expected shape {shape}, got {array.shape}")
+    return jnp.asarray(array)

@@ -2,7 +2,8 @@
 
 A strategy reads an action at the start of a frame (0.1 s) and answers with steps: before which physics step each slot's
 block goes, and up to which step to play. Slots that stand for no block, or for one that is gone, do nothing and cost
-nothing. Source: `IPHYRE_inadvance`, `IPHYRE_onthefly` and `IPHYRE_combine` of the official repository.
+nothing. Shapes are those of one world; lanes, further worlds, may stand behind every axis.
+Source: `IPHYRE_inadvance`, `IPHYRE_onthefly` and `IPHYRE_combine` of the official repository.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from iphyre_jax.envs.protocols import FRAMES, Protocol
 from iphyre_jax.envs.spaces import Box, Discrete, Space
+from iphyre_jax.physics import lanes
 from iphyre_jax.scenes import MAX_ELIMINABLE
 
 StrategyName = Literal["in-advance", "on-the-fly", "combined"]
@@ -50,6 +52,7 @@ class InAdvance:
     """
 
     name: StrategyName = "in-advance"
+    decisions: int = 1
     no_op_candidate: bool = False
 
     def action_space(self) -> Space:
@@ -78,6 +81,7 @@ class OnTheFly:
     """
 
     name: StrategyName = "on-the-fly"
+    decisions: int = FRAMES
     no_op_candidate: bool = True
 
     def action_space(self) -> Space:
@@ -88,8 +92,8 @@ class OnTheFly:
         self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
     ) -> Order:
         """Return what an action asks for; see `Strategy`."""
-        slot = jnp.arange(1, MAX_ELIMINABLE + 1, dtype=jnp.int32)
-        plan = jnp.where(jnp.asarray(action).astype(jnp.int32) == slot, step, NEVER)
+        slot = lanes.iota(MAX_ELIMINABLE, step) + 1
+        plan = jnp.where(jnp.asarray(action).astype(jnp.int32)[None] == slot, step[None], NEVER)
         return Order(plan, step + protocol.steps_per_frame, used)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
@@ -111,6 +115,7 @@ class Combined:
     """
 
     name: StrategyName = "combined"
+    decisions: int = MAX_ELIMINABLE + 1
     no_op_candidate: bool = False
     late_frame: bool = False
 
@@ -124,10 +129,10 @@ class Combined:
         """Return what an action asks for; see `Strategy`."""
         instant, now = instants(action), step // protocol.steps_per_frame
         end = jnp.asarray(_ENDS if self.late_frame else np.full_like(_ENDS, FRAMES))[now]
-        due = _is_lowest(instant) & ~used & standing & (instant >= jnp.maximum(now, 1)) & (instant < end)
-        frame = jnp.min(jnp.where(due, instant, end))
-        chosen = due & (instant == frame)
-        plan = jnp.where(chosen, frame * protocol.steps_per_frame, NEVER)
+        due = _is_lowest(instant) & ~used & standing & (instant >= jnp.maximum(now, 1)[None]) & (instant < end[None])
+        frame = jnp.min(jnp.where(due, instant, end[None]), axis=0)
+        chosen = due & (instant == frame[None])
+        plan = jnp.where(chosen, (frame * protocol.steps_per_frame)[None], NEVER)
         until = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
         return Order(plan, until, used | chosen)
 
@@ -139,7 +144,8 @@ class Combined:
 Strategy = InAdvance | OnTheFly | Combined
 """`order(action, step, used, standing, protocol)` takes the physics steps made, () int32, the slots executed so far and
 the slots whose block is still there, (6,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
-whether the world is solved after a transition, and whether its time is over or it is no longer sound."""
+whether the world is solved after a transition, and whether its time is over or it is no longer sound. `decisions` is
+the most that an episode may take."""
 
 # Frames at which an episode ends by the official clock, by the frame at which its last action starts.
 _ENDS: Final = np.array(
@@ -152,7 +158,7 @@ STRATEGIES: Final[Mapping[str, Strategy]] = MappingProxyType(
 
 
 def instants(action: jax.Array) -> jax.Array:
-    """Return the frames that an action (..., 6) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
+    """Return the frames that an action (6,) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
 
     What is no number, or below 0 or above 15 s, is no frame of the episode.
     """
@@ -165,9 +171,9 @@ def instants(action: jax.Array) -> jax.Array:
 
 def _is_lowest(instant: jax.Array) -> jax.Array:
     """Return which slots have no lower slot of the same time beside them, (6,) bool."""
-    index = jnp.arange(MAX_ELIMINABLE, dtype=jnp.int32)
-    same = instant[:, None] == instant[None, :]
-    return ~jnp.any(same & (index[None, :] < index[:, None]), axis=1)
+    index = lanes.iota(MAX_ELIMINABLE, instant[0])
+    same = instant[:, None] == instant[None]
+    return ~jnp.any(same & (index[None] < index[:, None]), axis=1)
 
 
 def strategy_named(name: object, *, official_bugs: bool = False) -> Strategy:

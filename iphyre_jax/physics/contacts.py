@@ -87,7 +87,7 @@ class _Kind:
     bodies: tuple[tuple[int, int], ...]  # moving body, or STATIC_BODY
     first_id: int
     info: jax.Array  # (pairs, 1, 2 or 6) int32: key; with two balls or bars whether the first has role a; id classes
-    tables: tuple[jax.Array, jax.Array]
+    tables: tuple[jax.Array, jax.Array]  # two arrays: two rows of one array would be read in one loop, of scalar code
     touch: Callable[[jax.Array, jax.Array, jax.Array, jax.Array | None], Touches]  # rows of tables, info and `side`
 
 
@@ -146,7 +146,7 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _K
     info = [jnp.stack(keys), jnp.stack(first_is_a).astype(jnp.int32)]
     bodies = tuple((m + i, m + j) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs)
-    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.balls, shape.balls), touch)
+    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.balls[:-1], shape.balls), touch)
 
 
 def _bar_bar(
@@ -175,7 +175,7 @@ def _bar_bar(
     ]
     bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs) + len(topology.ball_pairs)
-    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.bars, shape.bars), touch)
+    return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.bars[:m], shape.bars), touch)
 
 
 def _renewed(topology: Topology, broad: BroadPhase, order: broadphase.Order) -> tuple[jax.Array, jax.Array]:
@@ -214,33 +214,45 @@ def _empty(slots: int, like: jax.Array) -> _Slots:
     return _Slots(whole + KEY_NONE, whole - 1, (whole.astype(like.dtype),) * NUMBERS, jnp.zeros_like(whole[0]))
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Candidate:
+    """A candidate pair; scalars. Found one turn ahead: where it is worked out, rows are read by scalar code."""
+
+    pair: jax.Array  # int32, beyond the last if there is none
+    rows: tuple[jax.Array, jax.Array]  # int32, of the two tables
+    tag: jax.Array  # int32, without the point's id class
+
+
 def _visit(kind: _Kind, slots: _Slots, side: jax.Array) -> tuple[_Slots, jax.Array]:
     """Append the touching points of the candidates of one kind; `side` as in `State`."""
-    rows, bodies = jnp.asarray(np.array(kind.pairs, np.int32)), jnp.asarray(np.array(kind.bodies, np.int32))
-    Loop = tuple[tuple[jax.Array, ...], _Slots, jax.Array]
+    first, second = (np.array([pair[end] for pair in kind.pairs], np.int32) for end in range(2))
+    ids = 4 * (kind.first_id + np.arange(len(kind.pairs), dtype=np.int32))
+    tags = (ids << 2 * BODY_BITS) | np.array([(one << BODY_BITS) | two for one, two in kind.bodies], np.int32)
+    Words = tuple[jax.Array, ...]
+    Loop = tuple[_Candidate, Words, _Slots, jax.Array]
+
+    def following(words: Words) -> tuple[_Candidate, Words]:
+        pair, words = lanes.take_first(words)
+        one, two, tag = lanes.read((jnp.asarray(first), jnp.asarray(second), jnp.asarray(tags)), pair)
+        return _Candidate(pair, (one, two), tag), words
 
     def body(loop: Loop) -> Loop:
-        words, slots, side = loop
-        pair, words = lanes.take_first(words)
-        one, two = (lanes.read(table, rows[pair, end]) for end, table in enumerate(kind.tables))
-        info, bits = lanes.read(kind.info, pair), 2 * BODY_BITS
-        tag = ((4 * (kind.first_id + pair)) << bits) | (bodies[pair, 0] << BODY_BITS) | bodies[pair, 1]
-        before = lanes.read(side, pair) if side.shape[0] else None
+        candidate, words, slots, side = loop
+        one, two = (lanes.read(table, row) for table, row in zip(kind.tables, candidate.rows, strict=True))
+        info = lanes.read(kind.info, candidate.pair)
+        before = lanes.read(side, candidate.pair) if side.shape[0] else None
         frame, touches, after = kind.touch(one, two, info, before)
         if before is not None and after is not None:
-            side = lanes.write(side, pair, jnp.where(info[0] == KEY_NONE, before, after))
+            side = lanes.write(side, candidate.pair, jnp.where(info[0] == KEY_NONE, before, after))
         for place, touch in enumerate(touches):
-            slots = _append(
-                slots,
-                _key(info, place if len(touches) > 1 else None, touch),
-                tag + (_id_class(info, touch) << bits),
-                frame,
-                touch,
-            )
-        return words, slots, side
+            key = _key(info, place if len(touches) > 1 else None, touch)
+            tag = candidate.tag + (_id_class(info, touch) << 2 * BODY_BITS)
+            slots = _append(slots, key, tag, frame, touch)
+        return *following(words), slots, side
 
-    words = lanes.any_lane(kind.info[:, 0] != KEY_NONE)
-    return jax.lax.while_loop(lambda loop: lanes.any_set(loop[0]), body, (words, slots, side))[1:]
+    start = following(lanes.any_lane(kind.info[:, 0] != KEY_NONE))
+    return jax.lax.while_loop(lambda loop: loop[0].pair < len(kind.pairs), body, (*start, slots, side))[2:]
 
 
 def _key(info: jax.Array, place: int | None, touch: Touch) -> jax.Array:

@@ -78,10 +78,11 @@ def _push(motions: list[Motion], ends: tuple[int, int], link: Link, impulse: jax
     return out
 
 
-def apply_springs(topology: Topology, links: list[Link], motions: list[Motion]) -> list[Motion]:
+def apply_springs(topology: Topology, links: list[Link], motions: list[Motion], place: jax.Array) -> list[Motion]:
     """Give the springs' forces of the step to the bodies; the reference does so before gravity."""
-    for k in range(len(topology.pins), len(links)):
-        motions = _push(motions, topology.constraints[k], links[k], links[k].impulse)
+    for k, here in _in_order(len(links), place):
+        if k >= len(topology.pins):
+            motions = _push(motions, topology.constraints[k], _masked(links[k], here), links[k].impulse)
     return motions
 
 

@@ -35,25 +35,46 @@ class Contacts:
     continuing: jax.Array  # (K,) bool, touched in the step before
 
 
-def recall(cache: Cache, point: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return (continuing, normal impulse, tangent impulse) of a contact point from the last three steps.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Recalled:
+    """What the cache has told of a contact point so far."""
+
+    found: jax.Array  # bool, its pair touched in a step looked at
+    continuing: jax.Array  # bool, in the newest one
+    normal: jax.Array  # impulses, px/s
+    tangent: jax.Array
+
+
+def recall(cache: Cache, point: jax.Array) -> _Recalled:
+    """Return what is known of a contact point from the last three steps.
 
     The newest step in which the pair touched counts, even if this very point is not in it; the last equal point wins.
     Impulses that are two or three steps old are taken over but not applied (`continuing` is False).
     """
-    found, continuing = jnp.zeros_like(point, bool), jnp.zeros_like(point, bool)
-    normal = tangent = jnp.zeros_like(cache.normal_impulse[0, 0])
-    for age in range(PERSISTENCE):
-        same_pair, here = jnp.zeros_like(point, bool), ~found
-        for k in range(cache.point.shape[1]):
-            stored = cache.point[age, k]
-            match = (stored == point) & here
-            same_pair = same_pair | ((stored >> 2) == (point >> 2))
-            normal = jnp.where(match, cache.normal_impulse[age, k], normal)
-            tangent = jnp.where(match, cache.tangent_impulse[age, k], tangent)
-        continuing = same_pair if age == 0 else continuing
-        found = found | same_pair
-    return continuing, normal, tangent
+    no, zero = jnp.zeros_like(point, bool), jnp.zeros_like(cache.normal_impulse[0, 0])
+    first = _look(cache, point, 0, _Recalled(no, no, zero, zero))
+    first = replace(first, continuing=first.found)
+
+    def older(so_far: _Recalled) -> _Recalled:
+        for age in range(1, PERSISTENCE):
+            so_far = _look(cache, point, age, so_far)
+        return so_far
+
+    unknown = lanes.any_set(lanes.any_lane((~first.found & (point >= 0))[None]))
+    return jax.lax.cond(unknown, older, lambda so_far: so_far, first)
+
+
+def _look(cache: Cache, point: jax.Array, age: int, so_far: _Recalled) -> _Recalled:
+    """Look for a contact point among those of one step, unless its pair is found already."""
+    same_pair, normal, tangent = jnp.zeros_like(so_far.found), so_far.normal, so_far.tangent
+    for k in range(cache.point.shape[1]):
+        stored = cache.point[age, k]
+        match = (stored == point) & ~so_far.found
+        same_pair = same_pair | ((stored >> 2) == (point >> 2))
+        normal = jnp.where(match, cache.normal_impulse[age, k], normal)
+        tangent = jnp.where(match, cache.tangent_impulse[age, k], tangent)
+    return replace(so_far, found=so_far.found | same_pair, normal=normal, tangent=tangent)
 
 
 def remember(cache: Cache, contacts: Contacts) -> Cache:
@@ -90,9 +111,9 @@ def prestep(
 
     def prepare(k: jax.Array, row: Points, contacts: Contacts) -> Contacts:
         point = unpack(row.tag, row.numbers)
-        continuing, normal, tangent = recall(cache, point.id)
-        impulses = lanes.stack([normal, tangent, jnp.zeros_like(normal)])
-        new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, continuing)
+        known = recall(cache, point.id)
+        impulses = lanes.stack([known.normal, known.tangent, jnp.zeros_like(known.normal)])
+        new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing)
         return lanes.write(contacts, k, new)
 
     return lanes.visit(points, used, prepare, empty)

@@ -104,7 +104,7 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     motions = solver.unstack(state.motion, topology.moving)
     contact = solver.prestep(world, timing, points, used, motions, state.cache)
     links = joints.prepare(topology, world, timing, state)
-    motions = joints.apply_springs(topology, links, motions)
+    motions = joints.apply_springs(topology, links, motions, state.place)
     motions = integrate_velocities(motions, timing)
     motions = solver.apply_cached(world, contact, used, motions)
     motions = joints.apply_cached(topology, links, motions, state.place)

@@ -52,6 +52,15 @@ class _Bodies:
         r = c.BAR_RADIUS
         return min(ax, bx) - r, min(ay, by) - r, max(ax, bx) + r, max(ay, by) + r
 
+    def insertion(self, resets: int) -> Insertion:
+        """Return the broad phase before the first step."""
+        return replay_insertion([self.box(i) for i in range(len(self.moving))], self.moving, resets)
+
+
+def static_order(scene: Scene, resets: int = 1) -> tuple[int, ...]:
+    """Return the object index of each static bar in the solver's order."""
+    return _Bodies(scene).insertion(resets).static_order
+
 
 def topology_of(scene: Scene) -> Topology:
     """Return the part of a scene that decides the compiled program."""
@@ -78,8 +87,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
     dtype: "float32" or "float64", of the floating arrays (NumPy; integers are int32).
     """
     topology, bodies = topology_of(scene), _Bodies(scene)
-    n_objects = len(bodies.moving)
-    insertion = replay_insertion([bodies.box(i) for i in range(n_objects)], bodies.moving, resets)
+    insertion, n_objects = bodies.insertion(resets), len(bodies.moving)
     statics, movers, bars = list(insertion.static_order), bodies.movers, bodies.movers[: topology.bars]
 
     def vec(rows: np.ndarray, places: int | None = None) -> Vec:

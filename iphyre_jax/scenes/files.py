@@ -41,14 +41,19 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
     target = Path(path)
     part = target.with_name(f"{target.name}.{os.getpid()}.part")
     try:
-        part.write_text(f"{{\n{fields}\n}}\n", encoding="utf-8")
+        part.write_text(scene_text(scene), encoding="utf-8")
         part.replace(target)
     finally:
         part.unlink(missing_ok=True)
+
+
+def scene_text(scene: Scene) -> str:
+    """Return the contents of a scene's file, a field a line."""
+    fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
+    return f"{{\n{fields}\n}}\n"
 
 
 def parse_json(content: bytes, source: str) -> object:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from benchmarks import __main__ as command
 from benchmarks import plots, report, scaling, venvs
+from benchmarks.deciding import Deciding
 from benchmarks.engines import FLOAT32, STEPPING
 from benchmarks.measure import Measurement
 from benchmarks.startup import Startup, one_for_each_size
@@ -31,6 +32,8 @@ def results() -> report.Results:
         ]
     found.startups = [Startup("hole", 1, 1024, 5.0, 2.0)]
     found.scales = [scaling.Scale(64, 2, measurement(FLOAT32, "mixed", (1.0,)))]
+    turns = {"simulate": [(1.0, 2.0)] * 2, "reads": [(1.0, 2.5)] * 2, "keeps": [(4.0, 8.0)] * 2}
+    found.decisions = [Deciding("hole", 10, 1280, 2_000_000, 1.0, turns)]
     found.bytes_a_world = {"hole": {"float32": scaling.carried_bytes("hole", "float32")}}
     return found
 
@@ -38,7 +41,7 @@ def results() -> report.Results:
 def test_json_has_all_that_a_reader_needs(results: report.Results) -> None:
     document = json.loads(report.as_json(results))
     assert {"schema", "machine", "versions", "commit", "options", "problems", "engines"} <= document.keys()
-    assert {"measurements", "startups", "scales", "bytes_a_world"} <= document.keys()
+    assert {"measurements", "startups", "scales", "bytes_a_world", "decisions"} <= document.keys()
     assert {"processor", "cores", "system", "load"} == document["machine"].keys()
     first = document["measurements"][0]
     assert first["steps_per_second"] == pytest.approx({"median": 2000.0, "low": 1000 / 0.6, "high": 2500.0})
@@ -52,6 +55,8 @@ def test_tables_tell_ratios_turn_by_turn(results: report.Results) -> None:
     shown = text.getvalue()
     ours = next(line for line in shown.splitlines() if line.split()[:2] == ["iphyre_jax", "float32"])
     assert ours.split()[2:7] == ["0.0167", "0.01", "-", "0.02", "10"]  # median of 10, 4 and 10
+    decided = next(line for line in shown.splitlines() if line.split()[:2] == ["hole", "2"])
+    assert decided.split()[2:8] == ["2", "1.00", "0.80", "0.5", "0.25", "0.25"]
     assert "Jax2D is not measured: no network" in shown
     assert "carried state a world in float32: at most" in shown
 

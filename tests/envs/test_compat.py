@@ -128,6 +128,13 @@ BAD: dict[str, tuple[Any, str]] = {
 }
 
 
+@pytest.mark.parametrize("name", ["play", "simulate_vis", "collect_while_play"])
+def test_what_opens_a_window_says_what_does_not(name: str) -> None:
+    with pytest.raises(NotImplementedError, match=f"^{name}: expected a window, .*; use [a-z]") as caught:
+        getattr(IPHYRE("support"), name)()
+    assert "\n" not in str(caught.value)
+
+
 def _ready() -> IPHYRE:
     simulator = IPHYRE("support")
     simulator.reset()

@@ -20,6 +20,8 @@ from parity.__main__ import Options, main, scenes
         (["--duration", "inf"], "--duration: expected a whole number of steps at 60 fps, got inf s"),
         (["--fps"], "--fps: expected at least one value"),
         (["--dtype"], "--dtype: expected at least one value"),
+        (["--statistics", "-1"], "--statistics: expected seconds, at least 0, got -1.0"),
+        (["--disturbances", "0"], "--disturbances: expected numbers between -1 and 1 but not 0, got 0.0"),
         (["--games", "suport"], "suport"),
         (["--scene", "nowhere/missing.json"], "missing.json"),
         (["--games", "support", "--duration", "0.01"], "--duration: expected a whole number of steps"),
@@ -40,7 +42,19 @@ def test_without_names_the_forty_games_are_compared() -> None:
 
 @pytest.mark.slow
 def test_a_run_leaves_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--games", "support", "unseen_hole", "--plans", "3", "--fps", "10", "--dtype", "float64"]
+    options = [
+        "--games",
+        "support",
+        "unseen_hole",
+        "--plans",
+        "3",
+        "--fps",
+        "10",
+        "--dtype",
+        "float64",
+        "--statistics",
+        "1",
+    ]
     assert main([*options, "--workers", "1", "--out", str(tmp_path), "--name", "small"]) == 0
     output = capsys.readouterr().out
     assert "10 fps, float64: every target is reached" in output
@@ -51,3 +65,7 @@ def test_a_run_leaves_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert {"jax", "numpy", "pymunk", "python"} <= set(document["versions"])
     assert document["arguments"]["seed"] == 0
     assert "| unseen_hole | 3 |" in (tmp_path / "small.md").read_text()
+    text = (tmp_path / "small.html").read_text()
+    assert document["headline"] in text
+    assert text.count('class="chart"') == 2
+    assert "Energy, momentum and contacts side by side" in text

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from parity.compare import PlanComparison, compare_plans, in_play, play_errors, summarise
+from parity.compare import PlanComparison, binned, compare_plans, in_play, play_errors
+from parity.exceptions import explain
 from parity.plans import random_plans
 from parity.play import GameResult, play_reference
-from parity.reference import Trajectory
-from parity.report import as_json, cells, markdown, sections, verdict_line
+from parity.report import as_json, markdown
+from parity.summary import summarise
+from parity.tables import cells, sections, verdict_line
 from parity.tolerances import SHARE_LIMITS, TARGETS
+from parity.trajectory import Trajectory
 from parity.verdict import missed_targets
 
 SCENE = load_scene("hole")
@@ -46,7 +49,7 @@ def same(references: list[Trajectory]) -> Played:
 
 
 def compared(references: list[Trajectory], played: Played) -> PlanComparison:
-    return compare_plans(references, played, SCENE.dynamic)
+    return compare_plans(references, played, SCENE.dynamic, 10)
 
 
 def moved(played: Played, plan: int, step: int, by: float) -> Played:
@@ -75,12 +78,9 @@ def test_errors_outside_the_picture_or_after_the_end_do_not_count() -> None:
     theirs = np.array([[[100.0, 100.0, 0.0]], [[100.0, 621.0, 0.0]], [[701.0, 100.0, 0.0]], [[100.0, 100.0, 0.0]]])
     ours = theirs + np.array([3.0, 4.0, 0.0])
     moving = np.array([True])
-    assert play_errors(theirs, ours, moving, 3)[0] == pytest.approx(5.0)
+    np.testing.assert_allclose(play_errors(theirs, ours, moving, 3)[0], [5.0, np.nan, np.nan, 5.0])
     ours[0] = theirs[0]
-    ours[3] = theirs[3]
-    assert play_errors(theirs, ours, moving, 3)[0] == 0.0
-    ours[3] += 1
-    assert play_errors(theirs, ours, moving, 2)[0] == 0.0
+    np.testing.assert_allclose(play_errors(theirs, ours, moving, 2)[0], [0.0, np.nan, np.nan])
 
 
 def test_the_borders_of_play_belong_to_it() -> None:
@@ -92,6 +92,17 @@ def test_a_pose_that_is_not_finite_is_infinitely_far(references: list[Trajectory
     c = compared(references, moved(same, 2, 4, np.nan))
     assert np.isinf(c.error[2])
     assert not c.same_presence[2]
+
+
+def test_a_course_keeps_the_worst_of_every_tenth_of_a_second() -> None:
+    course = np.array([0.0, 1.0, np.nan, 3.0, np.nan, 2.0, np.nan, np.nan])
+    np.testing.assert_array_equal(binned(course, 20, 10), np.array([1, 3, 2, np.nan, np.nan], np.float32))
+    np.testing.assert_array_equal(binned(course, 10, 9)[:4], np.array([0, 1, np.nan, 3], np.float32))
+
+
+def test_equal_bits_are_counted_in_and_out_of_play(references: list[Trajectory], same: Played) -> None:
+    assert compared(references, same).identical.all()
+    assert not compared(references, moved(same, 3, -1, 1e-13)).identical[3]
 
 
 def test_a_fault_counts_against_every_share(references: list[Trajectory], same: Played) -> None:
@@ -144,27 +155,31 @@ def test_a_block_removed_a_step_too_early_is_found(references: list[Trajectory],
 def test_plays_without_fitting_samples_are_refused(references: list[Trajectory], same: Played) -> None:
     with pytest.raises(ValueError, match=r"^samples: expected shape \(8, 151, 7, 3\)"):
         compared(references, replace(same, samples=same.samples[:, :10]))
-    with pytest.raises(ValueError, match=r"^samples: expected plays sampled after every step"):
+    with pytest.raises(ValueError, match=r"^samples: expected sampled plays"):
         compared(references, replace(same, samples=None))
 
 
 def test_reports_keep_rates_and_types_apart(references: list[Trajectory], same: Played) -> None:
     good, bad = compared(references, same), compared(references, moved(same, 3, 5, 0.5))
-    results = [GameResult("hole", 10, "float64", PLANS, bad), GameResult("hole", 60, "float64", PLANS, good)]
+    told = explain(SCENE, PLANS, bad, 3, 10, "float64", 150, 1, traced=False)
+    results = [
+        GameResult(SCENE, 10, "float64", PLANS, bad, astray=(told,)),
+        GameResult(SCENE, 60, "float64", PLANS, good),
+    ]
     made = sections(results)
     assert [section.title for section in made] == ["10 fps, float64", "60 fps, float64"]
     assert "MISSED" in verdict_line(made[0])
     assert "every target" in verdict_line(made[1])
-    text = markdown(made, {"seed": 2})
-    assert text.count("\n## ") == 2
+    text = markdown(made, results, {"seed": 2})
+    assert text.count("\n## ") == 3  # two tables and what went astray
     document = json.loads(as_json(made, results, {"seed": 2}))
     assert [table["fps"] for table in document["tables"]] == [10, 60]
-    assert [(m["game"], [p["plan"] for p in m["plans"]]) for m in document["misses"]] == [("hole", [3])]
-    assert document["misses"][0]["plans"][0]["eliminate_at"] == PLANS[3].tolist()
+    assert [(told["game"], told["fps"], told["plan"]) for told in document["astray"]] == [("hole", 10, 3)]
+    assert document["astray"][0]["eliminate_at"] == PLANS[3].tolist()
 
 
 def test_infinite_errors_make_valid_json(references: list[Trajectory], same: Played, tmp_path: Path) -> None:
-    results = [GameResult("hole", 10, "float32", PLANS, compared(references, moved(same, 2, 4, np.nan)))]
+    results = [GameResult(SCENE, 10, "float32", PLANS, compared(references, moved(same, 2, 4, np.nan)))]
     text = as_json(sections(results), results, {})
 
     def refuse(word: str) -> None:

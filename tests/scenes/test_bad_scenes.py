@@ -199,6 +199,11 @@ def test_wrong_field_gets_its_line(change: Change, line: str, tmp_path: Path) ->
     assert str(error.value) == f"{path}: {line}"
 
 
+def test_sixty_and_more_are_refused() -> None:
+    assert len(BAD) >= 60
+    assert len({line for _, _, line in BAD}) > 50  # and are told apart
+
+
 def test_the_unchanged_scene_is_sound() -> None:
     assert scene_from_dict(sound()).eliminable_blocks == (0, 1)
 

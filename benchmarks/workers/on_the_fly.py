@@ -1,0 +1,81 @@
+"""Decisions on the fly beside plain simulation: ``python -m benchmarks.workers.on_the_fly FPS WORLDS TURNS GAME...``.
+
+A random policy plays whole episodes in every world; the plans that come of its actions are then played by
+`simulate_many`, so both make the same physics steps. The policy adds up all numbers of each observation with weights,
+for a policy that looked at nothing would let the compiler leave the observations out. A second one also keeps them.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import iphyre_jax
+from iphyre_jax.envs import Batch, Environment, Steps, unroll_on_threads
+from iphyre_jax.envs.protocols import PROTOCOLS
+
+CHANCE = 0.06  # of a click at a slot, at each decision
+
+
+def reads(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+    """Click at random; what is seen counts, though it never changes anything."""
+    drawn = jax.random.uniform(key)
+    slot = (drawn * (6 / CHANCE)).astype(jnp.int32) + 1
+    return jnp.where((drawn < CHANCE) & (seen @ weights < jnp.inf), slot, 0), ()
+
+
+def keeps(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+    """Do the same and keep the observation."""
+    return reads(weights, key, seen)[0], seen
+
+
+def plans(environment: Environment, games: np.ndarray[Any, Any], steps: Steps) -> np.ndarray[Any, Any]:
+    """Return the step before which each block goes, (B, 6), -1 for never, of the actions of whole episodes."""
+    action = np.asarray(steps.action)
+    blocks = [len(iphyre_jax.load_scene(game).eliminable_blocks) for game in environment.games]
+    clicked = action[:, :, None] == np.arange(1, 7)
+    first = np.where(clicked.any(axis=0), clicked.argmax(axis=0) * environment.protocol.steps_per_frame, -1)
+    return np.where(np.arange(6) < np.array(blocks)[games][:, None], first, -1)
+
+
+def timed(work: Callable[[], object]) -> tuple[float, float]:
+    """Return wall-clock and processor seconds."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    jax.block_until_ready(work())
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
+    """Measure all three in turns and tell it as one line of JSON."""
+    iphyre_jax.configure()
+    protocol = next(protocol for protocol in PROTOCOLS.values() if protocol.fps == fps)
+    iphyre_jax.register("measured-v1", games)
+    env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name, autoreset=False)
+    batch = Batch.of(env, params, np.arange(worlds) % len(games))
+    weights, key, order = jnp.ones(env.observation_space().shape), jax.random.key(0), np.asarray(batch.game)
+    play = partial(unroll_on_threads, decisions=env.strategy.decisions)
+    _, steps = play(env, reads, weights, batch, key)
+    plan, made = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
+    simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)
+    works: dict[str, Callable[[], object]] = {
+        "simulate": simulate,
+        "reads": lambda: play(env, reads, weights, batch, key),
+        "keeps": lambda: play(env, keeps, weights, batch, key),
+    }
+    same = float((simulate().steps == made).mean())
+    works["keeps"]()
+    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
+    for _ in range(turns):
+        for name, work in works.items():
+            seconds[name].append(timed(work))
+    print(json.dumps({"steps": int(made.sum()), "same_steps": same, "seconds": seconds}), flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])

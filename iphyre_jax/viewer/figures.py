@@ -1,0 +1,31 @@
+"""The paper's rewards of every game, for people to compare themselves with."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from iphyre_jax.scenes import SPLITS
+
+
+@cache
+def figures() -> dict[str, Any]:
+    """Return the contents of figures.json: source, protocol, agents, oracle by split, rewards by game."""
+    return json.loads(files(__package__).joinpath("figures.json").read_text("utf-8"))
+
+
+def split_of(game: str) -> str | None:
+    """Return the split of a game of the package, None for another scene."""
+    return next((split for split, games in SPLITS.items() if game in games), None)
+
+
+def figures_of(game: str) -> dict[str, object]:
+    """Return the paper's human mean, oracle (mean of the split) and agents of a game, or nothing if it has none."""
+    table, split = figures(), split_of(game)
+    row = table["games"].get(game)
+    if row is None:
+        return {}
+    agents = dict(zip(table["agents"], row["agents"], strict=True))
+    return {"human": row["human"], "oracle_split": table["oracle"][split], "split": split, "agents": agents}

@@ -1,0 +1,225 @@
+"""From recordings to frames: captions, several plays side by side, trails, blocks that fade, the mark of success."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from iphyre_jax.scenes.messages import one_line
+from iphyre_jax.viewer.painter import FINE, Painter, blend, font
+from iphyre_jax.viewer.recording import Recording
+from iphyre_jax.viewer.themes import Theme, theme
+
+GAP = 8  # px between pictures side by side
+TRAIL_POINTS = 60  # a trail has at most so many lines
+MIN_SIZE, MAX_SIZE = 64, 2000  # px
+MAX_TITLE = 60  # characters
+MAX_SECONDS = 60
+ROOMY = 300  # px, from which on a caption has room for all
+
+Frame = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Look:
+    """How frames look.
+
+    Args:
+        theme: "modern", "dark" or "official".
+        size: px, side of one picture, which shows 600 px of the scene.
+        captions: a line above the picture with its title, the time, and how the play ended.
+        trails: show where the balls have been in the last `trail_seconds`.
+        fade: s that a removed block takes to fade; 0 for none.
+        mark: a tick or a cross once the play is over.
+        trail_seconds: length of the trails, s.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+    """
+
+    theme: str = "modern"
+    size: int = 600
+    captions: bool = True
+    trails: bool = False
+    fade: float = 0.4
+    mark: bool = True
+    trail_seconds: float = 4.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        theme(self.theme)
+        if isinstance(self.size, bool) or not isinstance(self.size, int) or not MIN_SIZE <= self.size <= MAX_SIZE:
+            raise ValueError(f"size: expected a whole number of px from {MIN_SIZE} to {MAX_SIZE}, got {self.size!r}")
+        for name in ("fade", "trail_seconds"):
+            if not 0 <= getattr(self, name) <= MAX_SECONDS:
+                raise ValueError(f"{name}: expected seconds from 0 to {MAX_SECONDS}, got {getattr(self, name)!r}")
+
+    @property
+    def caption_height(self) -> int:
+        """Height of the line above a picture, px, an even number; 0 for none."""
+        return max(18, 2 * round(self.size * 0.03) + 4) if self.captions else 0
+
+
+class Camera:
+    """Takes the frames of one play.
+
+    Args:
+        recording: the play.
+        look: how frames look.
+        title: of the caption; by default the scene's name.
+    """
+
+    def __init__(self, recording: Recording, look: Look | None = None, title: str | None = None) -> None:
+        self.recording, self.look = recording, look or Look()
+        self.title = one_line(recording.scene.name if title is None else title)[:MAX_TITLE]
+        self.colours: Theme = theme(self.look.theme)
+        self._painter = Painter(recording.scene, self.colours, self.look.size)
+        self._last = recording.gone_after
+
+    def image(self, frame: int) -> Image.Image:
+        """Take one frame; those after the last show the last, those before 0 count from the end."""
+        recording = self.recording
+        k = min(frame, recording.steps) if frame >= 0 else max(recording.steps + 1 + frame, 0)
+        picture = self._painter.paint(
+            recording.poses[k], self._last >= k, fading=self._fading(k), trails=self._trails(k)
+        )
+        if self.look.mark and k == recording.steps and recording.steps > 0:
+            self._mark(picture)
+        return self._captioned(picture, k) if self.look.captions else picture
+
+    def _fading(self, k: int) -> dict[int, float]:
+        """Return how much is still seen of the blocks that have gone, 0 to 1."""
+        length = self.look.fade * self.recording.fps
+        ago = k - self._last
+        return {int(i): 1 - ago[i] / length for i in np.flatnonzero((ago > 0) & (ago < length))}
+
+    def _trails(self, k: int) -> list[npt.NDArray[np.floating]]:
+        """Return where each ball has been."""
+        if not self.look.trails or k == 0:
+            return []
+        first = max(0, k - round(self.look.trail_seconds * self.recording.fps))
+        at = np.unique(np.linspace(first, k, min(TRAIL_POINTS, k - first) + 1).round().astype(int))
+        return list(self.recording.poses[at][:, self.recording.scene.n_blocks :, :2].transpose(1, 0, 2))
+
+    def _mark(self, picture: Image.Image) -> None:
+        """Put a tick or a cross into the upper right corner; shapes, so that colour is not all that tells."""
+        side = round(self.look.size * 0.08) * FINE
+        solved = self.recording.success
+        disc = Image.new("RGBA", (side, side))
+        pen = ImageDraw.Draw(disc)
+        pen.ellipse((0, 0, side - 1, side - 1), fill=self.colours.solved if solved else self.colours.failed)
+        lines = _TICK if solved else _CROSS
+        for line in lines:
+            points = [(x * side, y * side) for x, y in line]
+            pen.line(points, (255, 255, 255), max(1, round(side * 0.11)), joint="curve")
+        small = disc.reduce(FINE)
+        edge = round(self.look.size * 0.025)
+        picture.paste(small, (self.look.size - edge - small.width, edge), small)
+
+    def _captioned(self, picture: Image.Image, k: int) -> Image.Image:
+        """Put a line above the picture: the title, and time and state at the right."""
+        colours, height, recording = self.colours, self.look.caption_height, self.recording
+        whole = Image.new("RGB", (picture.width, picture.height + height), colours.background)
+        whole.paste(picture, (0, height))
+        pen, letters = ImageDraw.Draw(whole), font(max(11, round(height * 0.5)))
+        ground = blend(colours.text, colours.background, 0.06)
+        pen.rectangle((0, 0, whole.width, height - 1), ground)
+        state, colour = f"{k / recording.fps:.2f} s" if recording.steps else "", colours.quiet
+        if k == recording.steps and recording.steps > 0:
+            word = "solved" if recording.success else "not solved"
+            state = f"{word}  {recording.reward:.2f}  {state}" if self.look.size >= ROOMY else f"{recording.reward:.1f}"
+            colour = colours.solved if recording.success else colours.failed
+        left = round(height * 0.35)
+        pen.text((left, height / 2), self.title, colours.text, letters, anchor="lm")
+        # The state stands on ground of its own, so that a long title does not run into it.
+        start = whole.width - left - pen.textlength(state, letters)
+        pen.rectangle((start - left, 0, whole.width, height - 1), ground)
+        pen.text((start, height / 2), state, colour, letters, anchor="lm")
+        return whole
+
+
+_TICK = (((0.26, 0.52), (0.44, 0.70), (0.76, 0.34)),)
+_CROSS = (((0.32, 0.32), (0.68, 0.68)), ((0.68, 0.32), (0.32, 0.68)))
+
+
+Plays = Recording | Sequence[Recording]
+
+
+def still(plays: Plays, look: Look | None = None, titles: Sequence[str] | None = None, *, frame: int = -1) -> Frame:
+    """Return one frame of one play, or of several side by side.
+
+    Args:
+        plays: of one frame rate.
+        look: how frames look.
+        titles: one for each play; by default the scenes' names.
+        frame: which one, counted from the end if it is negative; a play that is shorter shows its last.
+
+    Returns:
+        (H, W, 3) uint8.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+    """
+    cameras = _cameras(plays, look, titles)
+    return np.asarray(beside([camera.image(frame) for camera in cameras], cameras[0].colours))
+
+
+def frames(
+    plays: Plays,
+    look: Look | None = None,
+    titles: Sequence[str] | None = None,
+    *,
+    every: int = 1,
+    hold: float = 1.0,
+) -> Iterator[Frame]:
+    """Take all frames of one play, or of several side by side.
+
+    Args:
+        plays: of one frame rate; a shorter one waits at its end.
+        look: how frames look.
+        titles: one for each play; by default the scenes' names.
+        every: physics steps from frame to frame.
+        hold: s that the end is shown.
+
+    Yields:
+        (H, W, 3) uint8, all of one size.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+    """
+    if every < 1 or not 0 <= hold <= MAX_SECONDS:
+        raise ValueError(f"every, hold: expected at least 1 step and 0 to {MAX_SECONDS} s, got {every!r} and {hold!r}")
+    cameras = _cameras(plays, look, titles)
+    steps = max(camera.recording.steps for camera in cameras)
+    stops = [*range(0, steps, every), steps]
+    for k in [*stops, *[steps] * round(hold * cameras[0].recording.fps / every)]:
+        yield np.asarray(beside([camera.image(k) for camera in cameras], cameras[0].colours))
+
+
+def _cameras(plays: Plays, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
+    """Return a camera for each play."""
+    recordings = [plays] if isinstance(plays, Recording) else list(plays)
+    rates = sorted({recording.fps for recording in recordings})
+    if len(rates) != 1:
+        raise ValueError(f"plays: expected at least one, all at one frame rate, got {len(recordings)} at {rates}")
+    names = [None] * len(recordings) if titles is None else list(titles)
+    if len(names) != len(recordings):
+        raise ValueError(f"titles: expected {len(recordings)}, got {len(names)}")
+    return [Camera(recording, look, name) for recording, name in zip(recordings, names, strict=True)]
+
+
+def beside(images: Sequence[Image.Image], colours: Theme) -> Image.Image:
+    """Return pictures of one height side by side."""
+    if len(images) == 1:
+        return images[0]
+    width = sum(image.width for image in images) + GAP * (len(images) - 1)
+    whole = Image.new("RGB", (width, images[0].height), blend(colours.text, colours.background, 0.25))
+    x = 0
+    for image in images:
+        whole.paste(image, (x, 0))
+        x += image.width + GAP
+    return whole

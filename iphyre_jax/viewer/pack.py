@@ -1,0 +1,67 @@
+"""Scenes and recordings as JSON values for the pages. `pages/tape.js` is the other side of `pack_tape`.
+
+A tape is a row of int32, little-endian, deflated and in base 64: how much each value grows from frame to frame, column
+by column: x, y, angle of every moving object, then their velocities, then the number of contacts in each frame, then
+the contacts' x and y, frame by frame, each in its unit below.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+
+import numpy as np
+
+from iphyre_jax.scenes import Scene, scene_to_dict
+from iphyre_jax.viewer.recording import Recording
+
+LENGTH_UNIT = 1 / 64  # px
+ANGLE_UNIT = 1 / 4096  # rad
+SPEED_UNIT = 1 / 4  # px/s
+CONTACT_UNIT = 1 / 4  # px
+LARGEST = 2.0**29  # of a number in its unit, so that differences fit
+
+
+def pack_scene(scene: Scene) -> dict[str, object]:
+    """Return a scene's fields as in a scene file."""
+    return scene_to_dict(scene)
+
+
+def pack_play(recording: Recording) -> dict[str, object]:
+    """Return how a play went, with its tape."""
+    return {
+        "plan": list(recording.plan),
+        "fps": recording.fps,
+        "dtype": recording.dtype,
+        "resets": recording.resets,
+        "steps": recording.steps,
+        "solved": recording.success,
+        "eliminations": recording.eliminations,
+        "reward": recording.reward,
+        "fault": recording.fault,
+        "tape": pack_tape(recording),
+    }
+
+
+def pack_tape(recording: Recording) -> str:
+    """Return the frames of a recording as text; see the module's text."""
+    moving = np.flatnonzero(recording.scene.dynamic)
+    poses = recording.poses[:, moving] / np.array([LENGTH_UNIT, LENGTH_UNIT, ANGLE_UNIT])
+    frames = len(poses)
+    columns = np.concatenate(
+        [poses.reshape(frames, -1), recording.velocities[:, moving].reshape(frames, -1) / SPEED_UNIT], axis=1
+    )
+    touching = np.isfinite(recording.contacts[:, :, 0])
+    counts = touching.sum(axis=1)
+    points = recording.contacts[touching] / CONTACT_UNIT
+    grown = np.diff(_whole(columns), axis=0, prepend=0)
+    # Points follow each other as pairs: x and y each grow on their own.
+    parts = [grown.T.ravel(), np.diff(counts, prepend=0), np.diff(_whole(points), axis=0, prepend=0).ravel()]
+    return base64.b64encode(zlib.compress(np.concatenate(parts).astype("<i4").tobytes(), 6)).decode()
+
+
+def _whole(values: np.ndarray) -> np.ndarray:
+    """Round to integers; a world that is not finite any more is shown at the edge of the numbers."""
+    return np.rint(np.nan_to_num(values, nan=0.0, posinf=LARGEST, neginf=-LARGEST).clip(-LARGEST, LARGEST)).astype(
+        np.int64
+    )

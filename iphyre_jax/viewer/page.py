@@ -1,0 +1,106 @@
+"""The replay page: one HTML file that holds everything it shows and reaches for nothing."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import iphyre_jax
+from iphyre_jax.scenes import Scene
+from iphyre_jax.viewer import themes
+from iphyre_jax.viewer.pack import pack_play, pack_scene
+from iphyre_jax.viewer.plays import Play
+from iphyre_jax.viewer.recording import Recording
+
+SCRIPTS: Final = (
+    "tape.js",
+    "stage.js",
+    "clock.js",
+    "deck.js",
+    "replay.js",
+)  # in the order in which they build on each other
+MAX_BYTES: Final = 100_000_000  # of one page
+
+
+def page_file(name: str) -> str:
+    """Return a file of the pages, as text."""
+    return files(__package__).joinpath("pages", name).read_text("utf-8")
+
+
+def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE replay") -> str:
+    """Return the HTML of a page that plays recordings.
+
+    Args:
+        plays: who played, and what came of it.
+        title: of the page.
+
+    Raises:
+        ValueError: there is no play.
+    """
+    if not plays:
+        raise ValueError("plays: expected at least one")
+    scenes: dict[Scene, int] = {}
+    entries = []
+    for agent, recording in plays:
+        place = scenes.setdefault(recording.scene, len(scenes))
+        entries.append({"agent": agent, "scene": place, **pack_play(recording)})
+    data = {
+        "title": title,
+        "version": iphyre_jax.__version__,
+        "themes": themes.as_json(),
+        "scenes": [pack_scene(scene) for scene in scenes],
+        "plays": entries,
+    }
+    scripts = "".join(page_file(name) for name in SCRIPTS)
+    style = page_file("style.css")
+    sources = f"script-src {_hash(scripts)}; style-src {_hash(style)}"
+    policy = f"default-src 'none'; {sources}; base-uri 'none'; form-action 'none'"
+    parts = {"POLICY": policy, "STYLE": style, "SCRIPT": scripts, "DATA": in_script(data)}
+    head, *rest = page_file("replay.html").split("<!--")
+    return head + "".join(parts[key] + tail for key, _, tail in (part.partition("-->") for part in rest))
+
+
+def in_script(data: object) -> str:
+    """Return JSON that can stand inside a script element: nothing in it can end the element or begin a comment."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _hash(text: str) -> str:
+    """Return the source expression of a content security policy that allows exactly this text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: str = "I-PHYRE replay") -> list[str]:
+    """Play plans again and write a replay page; a file that stands there is replaced whole.
+
+    Args:
+        path: of the page; its folder must exist.
+        plays: what to show.
+        title: of the page.
+
+    Returns:
+        One line for each play that ends otherwise than its file says.
+
+    Raises:
+        OSError: the file cannot be written.
+        ValueError: there is no play, or the page would exceed 100 MB.
+    """
+    recordings = [(play, play.record()) for play in plays]
+    page = replay_page([(play.agent, recording) for play, recording in recordings], title=title).encode()
+    if len(page) > MAX_BYTES:
+        raise ValueError(f"{path}: expected a page of at most {MAX_BYTES} bytes, got {len(page)}; show fewer plays")
+    target = Path(path)
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(page)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+    changed = ((play, play.differs(recording)) for play, recording in recordings)
+    return [f"{play.agent}, {play.scene.name}: the file says {text}" for play, text in changed if text]

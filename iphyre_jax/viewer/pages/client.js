@@ -1,0 +1,15 @@
+"use strict";
+// The server's calls. The page stands at http://127.0.0.1:PORT/TOKEN/, so relative addresses carry the token.
+
+async function call(name, fields = {}) {
+  const headers = { "Content-Type": "application/json" };
+  let answer;
+  try {
+    answer = await fetch(`api/${name}`, { method: "POST", headers, body: JSON.stringify(fields) });
+  } catch {
+    throw new Error("the server does not answer; is iphyre-jax play still running?");
+  }
+  const value = await answer.json();
+  if (!answer.ok) throw new Error(value.error);
+  return value;
+}

@@ -1,0 +1,296 @@
+"use strict";
+// The scene editor: objects are placed, dragged by their middle, turned and stretched by their ends, marked and tied.
+// It says nothing about what is valid; the server's validator does, after every change.
+
+const GRID_STEP = 5; // px, where things snap to; with alt held they do not
+const HANDLE = 9; // px, radius of a handle
+
+const EMPTY_SCENE = () => ({
+  schema: "iphyre_jax/scene", version: 1, name: "my scene",
+  block: [], ball: [], eli: [], dynamic: [], joint: [], spring: [],
+});
+
+class Editor {
+  /** stage: where it is drawn; on: {change(scene), check(answer)}. */
+  constructor(stage, on) {
+    this.stage = stage;
+    this.on = on;
+    this.tool = "select";
+    this.scene = EMPTY_SCENE();
+    this.selected = null;
+    this.past = [];
+    this.future = [];
+    this.answer = { problems: [], remarks: [], file: null };
+    this.turn = 0;
+  }
+
+  open(scene) {
+    const { known, ...fields } = scene;
+    this.change(() => (this.scene = { joint: [], spring: [], ...structuredClone(fields) }));
+  }
+
+  /** Do something to the scene that can be undone. */
+  change(act) {
+    this.past.push(JSON.stringify(this.scene));
+    if (this.past.length > 200) this.past.shift();
+    this.future = [];
+    act();
+    this._changed();
+  }
+
+  undo() {
+    this._travel(this.past, this.future);
+  }
+
+  redo() {
+    this._travel(this.future, this.past);
+  }
+
+  _travel(from, to) {
+    if (!from.length) return;
+    to.push(JSON.stringify(this.scene));
+    this.scene = JSON.parse(from.pop());
+    this._changed();
+  }
+
+  async _changed() {
+    const count = this.scene.block.length + this.scene.ball.length;
+    if (this.selected !== null && this.selected >= count) this.selected = null;
+    this.draw();
+    this.on.change(this.scene);
+    const turn = ++this.turn;
+    const unknown = (error) => ({ problems: [error.message], remarks: [], file: null });
+    const answer = await call("check", { scene: this.scene }).catch(unknown);
+    if (turn !== this.turn) return; // the scene has changed since
+    this.answer = answer;
+    this.draw();
+    this.on.check(answer);
+  }
+
+  /** Put a pointer down. */
+  press(point, free) {
+    const at = this._snap(point, free);
+    const part = this._partAt(point);
+    this.drag = null;
+    if (this.tool === "bar") this._place(() => this._addBar([at[0] - 50, at[1]], [at[0] + 50, at[1]]));
+    else if (this.tool === "ball") this._place(() => this._addBall(at));
+    else if (this.tool === "delete") part && this.delete(part.object);
+    else if (this.tool === "joint" || this.tool === "spring") this._tie(part);
+    else {
+      this.selected = part ? part.object : null;
+      this.drag = part && { ...part, from: point, before: structuredClone(this.scene), moved: false };
+      this.draw();
+      this.on.change(this.scene);
+    }
+  }
+
+  move(point, free) {
+    if (!this.drag) return;
+    const { object, handle, from, before } = this.drag;
+    if (!this.drag.moved && Math.hypot(point[0] - from[0], point[1] - from[1]) < 3) return;
+    this.drag.moved = true;
+    const by = [point[0] - from[0], point[1] - from[1]];
+    const ball = object - before.block.length;
+    const shift = ([x, y]) => [x + by[0], y + by[1]];
+    if (ball >= 0 && handle === "edge") {
+      const [x, y] = before.ball[ball];
+      const radius = Math.hypot(point[0] - x, point[1] - y);
+      this.scene.ball[ball] = [x, y, free ? radius : Math.max(1, Math.round(radius))];
+    } else if (ball >= 0) {
+      const [x, y, radius] = before.ball[ball];
+      this.scene.ball[ball] = [...this._snap(shift([x, y]), free), radius];
+    } else if (handle === "middle") {
+      const [a, b] = before.block[object];
+      const start = this._snap(shift(a), free);
+      this.scene.block[object] = [start, [start[0] + b[0] - a[0], start[1] + b[1] - a[1]]];
+    } else {
+      this.scene.block[object][handle] = this._snap(shift(before.block[object][handle]), free);
+    }
+    this.draw();
+  }
+
+  release() {
+    const drag = this.drag;
+    this.drag = null;
+    if (!drag || !drag.moved) return;
+    const after = this.scene;
+    this.scene = drag.before;
+    this.change(() => (this.scene = after));
+  }
+
+  /** Turn a mark of the selected bar on or off: "eli" or "dynamic". */
+  mark(kind) {
+    const bar = this.selected;
+    if (bar === null || bar >= this.scene.block.length) return;
+    this.change(() => (this.scene[kind][bar] = this.scene[kind][bar] ? 0 : 1));
+  }
+
+  /** Turn the selected bar about its middle, or make it longer. */
+  reshape(degrees, stretch) {
+    const bar = this.selected;
+    if (bar === null || bar >= this.scene.block.length) return;
+    const [[ax, ay], [bx, by]] = this.scene.block[bar];
+    const [cx, cy] = [(ax + bx) / 2, (ay + by) / 2];
+    const [cos, sin] = [Math.cos((degrees * Math.PI) / 180), Math.sin((degrees * Math.PI) / 180)];
+    const round = (value) => Math.round(value * 1000) / 1000;
+    const turned = ([x, y]) => {
+      const [u, v] = [(x - cx) * stretch, (y - cy) * stretch];
+      return [round(cx + u * cos - v * sin), round(cy + u * sin + v * cos)];
+    };
+    this.change(() => (this.scene.block[bar] = [turned([ax, ay]), turned([bx, by])]));
+  }
+
+  delete(object = this.selected) {
+    if (object === null) return;
+    this.change(() => {
+      const { scene } = this;
+      const ball = object - scene.block.length;
+      if (ball >= 0) scene.ball.splice(ball, 1);
+      else scene.block.splice(object, 1);
+      scene.eli.splice(object, 1);
+      scene.dynamic.splice(object, 1);
+      const renumbered = (pair) => pair.map((index) => index - (index > object));
+      for (const key of ["joint", "spring"]) {
+        scene[key] = scene[key].filter((pair) => !pair.includes(object)).map(renumbered);
+      }
+      this.selected = null;
+    });
+  }
+
+  rename(name) {
+    this.change(() => (this.scene.name = name));
+  }
+
+  _place(add) {
+    this.change(() => (this.selected = add()));
+    this.use("select");
+  }
+
+  use(tool) {
+    this.tool = tool;
+    this.first = null;
+    this.on.change(this.scene);
+    this.draw();
+  }
+
+  _addBar(start, end) {
+    const { scene } = this;
+    const place = scene.block.length;
+    const renumbered = (pair) => pair.map((index) => index + (index >= place));
+    scene.block.push([start, end]);
+    scene.eli.splice(place, 0, 0);
+    scene.dynamic.splice(place, 0, 0);
+    for (const key of ["joint", "spring"]) scene[key] = scene[key].map(renumbered);
+    return place;
+  }
+
+  _addBall([x, y]) {
+    const { scene } = this;
+    scene.ball.push([x, y, 20]);
+    scene.eli.push(0);
+    scene.dynamic.push(1);
+    return scene.block.length + scene.ball.length - 1;
+  }
+
+  /** Tie the object to the one that was pressed before. A tie that is there already goes. */
+  _tie(part) {
+    if (!part) return;
+    const first = this.first;
+    this.selected = part.object;
+    this.first = first === null || first === undefined ? part.object : null;
+    if (this.first !== null) return void this.draw();
+    const tied = (pair) => pair.includes(first) && pair.includes(part.object);
+    const pairs = this.scene[this.tool];
+    this.change(() => {
+      this.scene[this.tool] = pairs.some(tied) ? pairs.filter((pair) => !tied(pair)) : [...pairs, [first, part.object]];
+    });
+  }
+
+  _snap(point, free) {
+    return point.map((value) => (free ? Math.round(value * 1000) / 1000 : Math.round(value / GRID_STEP) * GRID_STEP));
+  }
+
+  /** What a pointer takes hold of: handles of the selected object first. */
+  _partAt(point) {
+    const { scene, selected } = this;
+    const near = ([x, y]) => Math.hypot(point[0] - x, point[1] - y) <= HANDLE + 3;
+    for (const [handle, place] of this._handles()) if (near(place)) return { object: selected, handle };
+    const all = [...scene.block, ...scene.ball].map((_, i) => i);
+    const object = objectAt(scene, restingPoses(scene), all, point, 6);
+    return object === null ? null : { object, handle: "middle" };
+  }
+
+  /** The selected object's handles: the ends of a bar, the edge of a ball. */
+  _handles() {
+    const { scene, selected } = this;
+    if (selected === null) return [];
+    if (selected < scene.block.length) return scene.block[selected].map((end, i) => [i, end]);
+    const [x, y, radius] = scene.ball[selected - scene.block.length];
+    return [["edge", [x + radius, y]]];
+  }
+
+  draw() {
+    const { scene, stage } = this;
+    const poses = restingPoses(scene);
+    const wrong = new Set([...this.answer.problems, ...this.answer.remarks].map((line) => objectOf(line, scene)));
+    const bad = [...wrong].filter((object) => object !== null && object < poses.length);
+    const all = scene.block.length + scene.ball.length;
+    const sound = (pairs) => pairs.filter((pair) => pair.every((index) => index < all));
+    const shown = { ...scene, joint: sound(scene.joint), spring: sound(scene.spring) };
+    stage.draw(shown, { poses, hint: this.selected, marked: bad });
+    const pen = stage.canvas.getContext("2d");
+    const theme = stage.theme();
+    for (const [, [x, y]] of this._handles()) {
+      disc(pen, x, y, HANDLE, theme.background);
+      disc(pen, x, y, HANDLE - 2, theme.velocity);
+    }
+    drawMessages(pen, theme, this.answer, scene);
+  }
+}
+
+/** The object that a line of the validator speaks of, or null: "block[2][0]: ...", "ball[0]: ...", "eli[3]: ...". */
+function objectOf(line, scene) {
+  const found = /^(block|ball|eli|dynamic)\[(\d+)\]/.exec(line);
+  if (!found) return null;
+  return Number(found[2]) + (found[1] === "ball" ? scene.block.length : 0);
+}
+
+/** Write the validator's lines on the canvas: beside the object they speak of, else in the upper left corner. */
+function drawMessages(pen, theme, answer, scene) {
+  const poses = restingPoses(scene);
+  pen.font = "13px system-ui, sans-serif";
+  pen.textBaseline = "middle";
+  let corner = 16;
+  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.remarks.map((text) => [text, theme.quiet])];
+  const taken = new Map();
+  for (const [text, colour] of lines.slice(0, 12)) {
+    const object = objectOf(text, scene);
+    const here = object !== null && object < poses.length;
+    const row = here ? taken.get(object) || 0 : 0;
+    if (here) taken.set(object, row + 1);
+    const parts = wrapped(pen, text, 290);
+    const width = Math.max(...parts.map((part) => pen.measureText(part).width));
+    const x = here ? Math.min(Math.max(8, poses[object][0] - width / 2), SIDE - width - 12) : 8;
+    let y = here ? Math.min(Math.max(16, poses[object][1] + 34 + row * 34), SIDE - 16) : corner;
+    for (const part of parts) {
+      pen.globalAlpha = 0.9;
+      pen.fillStyle = theme.background;
+      pen.fillRect(x - 4, y - 9, pen.measureText(part).width + 8, 18);
+      pen.globalAlpha = 1;
+      pen.fillStyle = colour;
+      pen.fillText(part, x, y);
+      y += 17;
+    }
+    if (!here) corner = y + 6;
+  }
+}
+
+function wrapped(pen, text, width) {
+  const rows = [""];
+  for (const word of text.slice(0, 200).split(" ")) {
+    const longer = rows.at(-1) ? `${rows.at(-1)} ${word}` : word;
+    if (pen.measureText(longer).width <= width || !rows.at(-1)) rows[rows.length - 1] = longer;
+    else rows.push(word);
+  }
+  return rows;
+}

@@ -1,0 +1,120 @@
+"use strict";
+// A game under way. The server has computed all frames of the plan so far; the page shows them in real time. A click
+// adds a removal before the step of the frame that is shown; then time stands until the server has computed the rest.
+
+class Game {
+  /** stage: where it is shown; on: {change(), end(result)}. */
+  constructor(stage, on) {
+    this.stage = stage;
+    this.on = on;
+    this.state = "empty"; // empty, ready, running, waiting, over
+  }
+
+  /** Get ready for an attempt at a scene, whose play without removals is known. */
+  async ready(scene, play) {
+    this.scene = scene;
+    this.blocks = eliminableBlocks(scene);
+    this.plan = this.blocks.map(() => -1);
+    const tape = await openTape(play, scene);
+    if (this.scene !== scene) return; // another scene has been chosen meanwhile
+    Object.assign(this, { play, tape, time: 0, hint: null, shown: 0 });
+    this._become("ready");
+  }
+
+  start() {
+    if (this.state !== "ready") return;
+    this._become("running");
+    this._run();
+  }
+
+  /** A click or tap on a point of the scene. */
+  press(point) {
+    if (this.state === "ready") this.start();
+    else if (this.state === "running") this.remove(this._under(point));
+  }
+
+  hover(point) {
+    this.hint = point && this._under(point);
+    this.draw();
+  }
+
+  /** Take a block away before the step of the frame that is shown, of each step at most one and none before the first. */
+  async remove(block) {
+    const column = this.blocks.indexOf(block);
+    if (column < 0 || this.plan[column] >= 0 || this.state !== "running") return;
+    const step = Math.max(this.shown, 1, ...this.plan.map((other) => other + 1));
+    if (step >= this.tape.frames - 1) return;
+    this.plan[column] = step;
+    this._become("waiting");
+    const scene = this.scene;
+    try {
+      const play = await call("record", { scene: nameOrScene(scene), plan: this.plan });
+      const tape = await openTape(play, scene);
+      if (this.scene !== scene || this.state !== "waiting") return;
+      Object.assign(this, { play, tape, hint: null });
+    } catch (error) {
+      this.plan[column] = -1; // the server did not answer: nothing has been removed
+      throw error;
+    } finally {
+      if (this.scene === scene && this.state === "waiting") {
+        this._become("running");
+        this._run();
+      }
+    }
+  }
+
+  /** Leave out the rest of the time. */
+  finish() {
+    if (this.state !== "running") return;
+    this.time = (this.tape.frames - 1) / this.tape.fps;
+    this._show();
+  }
+
+  draw() {
+    if (this.state === "empty") return;
+    const { tape, shown } = this;
+    this.stage.draw(this.scene, {
+      poses: tape.pose(shown),
+      shareOf: (i) => shareAt(tape, i, shown),
+      hint: this.state === "running" || this.state === "ready" ? this.hint : null,
+    });
+    this.stage.canvas.dataset.frame = shown;
+  }
+
+  _under(point) {
+    const there = this.blocks.filter((block, column) => this.plan[column] < 0);
+    return objectAt(this.scene, this.tape.pose(this.shown), there, point, 8); // a finger is not a needle
+  }
+
+  _run() {
+    let before = null;
+    const frame = (now) => {
+      if (this.state !== "running") return;
+      if (before !== null) this.time += Math.min(0.1, (now - before) / 1000); // a hidden page does not run away
+      before = now;
+      this._show();
+      if (this.state === "running") requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  }
+
+  _show() {
+    this.shown = frameAt(this.time, this.tape);
+    this.draw();
+    this.on.change();
+    if (this.shown === this.tape.frames - 1) {
+      this._become("over");
+      this.on.end({ plan: this.plan, play: this.play });
+    }
+  }
+
+  _become(state) {
+    this.state = state;
+    this.stage.canvas.dataset.state = state;
+    this.draw();
+    this.on.change();
+  }
+}
+
+/** How the server is told of a scene: a game by its name, another by its contents. */
+const nameOrScene = (scene) => scene.known || scene;

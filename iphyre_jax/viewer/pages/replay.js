@@ -1,0 +1,56 @@
+"use strict";
+// The replay page: choose a game and who plays it, one or two side by side.
+
+function startReplay(data) {
+  const byId = (id) => document.getElementById(id);
+  document.title = data.title;
+  byId("title").textContent = data.title;
+  byId("about").textContent = `${data.plays.length} plays of ${data.scenes.length} scenes · iphyre_jax ${data.version}`;
+  let deck = null;
+  const look = new Look(data.themes, byId("look"), () => deck && deck.show());
+  deck = new Deck(byId("deck"), () => look.colours);
+
+  const playsOf = (scene) => data.plays.filter((play) => play.scene === scene);
+  const option = (value, textContent) => make("option", { value, textContent });
+  const [games, left, right] = ["game", "left", "right"].map(byId);
+  games.append(...data.scenes.map((scene, i) => option(i, scene.name)));
+
+  const label = (play) => {
+    const same = playsOf(play.scene).filter((other) => other.agent === play.agent);
+    const number = same.length > 1 ? ` #${same.indexOf(play) + 1}` : "";
+    return `${play.agent}${number} · ${points(play.reward)}`;
+  };
+
+  const fill = () => {
+    const plays = playsOf(Number(games.value));
+    left.replaceChildren(...plays.map((play) => option(data.plays.indexOf(play), label(play))));
+    right.replaceChildren(option("", "nobody"), ...plays.map((play) => option(data.plays.indexOf(play), label(play))));
+    if (plays.length > 1 && plays.length < 4) right.value = data.plays.indexOf(plays[1]);
+    return load();
+  };
+
+  const load = async () => {
+    const chosen = [left.value, right.value].filter((value) => value !== "").map((value) => data.plays[Number(value)]);
+    await deck.load(chosen.map((play) => ({ title: play.agent, play, scene: data.scenes[play.scene] })));
+    document.documentElement.dataset.ready = games.value;
+  };
+
+  const turn = (by) => {
+    games.selectedIndex = (games.selectedIndex + by + games.length) % games.length;
+    fill();
+  };
+
+  games.onchange = fill;
+  left.onchange = right.onchange = load;
+  byId("previous").onclick = () => turn(-1);
+  byId("next").onclick = () => turn(1);
+  document.addEventListener("keydown", (event) => {
+    if (deck.key(event) || event.target.closest("select")) return;
+    if (event.key === "n") turn(1);
+    if (event.key === "p") turn(-1);
+  });
+  window.addEventListener("resize", () => deck.show());
+  fill();
+}
+
+startReplay(JSON.parse(document.getElementById("data").textContent));

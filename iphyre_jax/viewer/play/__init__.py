@@ -1,0 +1,1 @@
+"""The play page's server: a person plays, draws scenes and compares, against the real simulator."""

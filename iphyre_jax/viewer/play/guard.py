@@ -1,0 +1,89 @@
+"""Who may ask the play server for what: one table of rules, looked at before anything is done.
+
+The server listens on this machine only. What is left to fear are other pages in the same browser (they can send
+requests here, with a foreign origin, or under another host name that they let point to 127.0.0.1), other users of the
+machine (who do not know the token), and mistakes.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Sequence
+from dataclasses import dataclass
+from email.message import Message
+from typing import Final
+
+MAX_BODY: Final = 64 * 1024  # bytes; a scene takes about 1 kB
+MAX_REQUEST: Final = MAX_BODY + 16 * 1024  # bytes, with the headers
+OWN_SITES: Final = ("same-origin", "none")  # of Sec-Fetch-Site: our page, or the address typed in
+
+
+class RefusedError(Exception):
+    """A request that is not answered.
+
+    Args:
+        status: of HTTP.
+        reason: one line.
+    """
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The rules of one server."""
+
+    token: str
+    port: int
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """The names that this server goes by."""
+        return f"127.0.0.1:{self.port}", f"localhost:{self.port}"
+
+    def name(self, path: str, headers: Message) -> str:
+        """Return what a request asks for: the part of its path behind the token.
+
+        Raises:
+            RefusedError: wrong host, token, origin or site.
+        """
+        host = _single(headers, "Host")
+        if host not in self.hosts:
+            raise RefusedError(403, "another host")
+        _, _, rest = path.partition("/")
+        token, slash, name = rest.partition("/")
+        if not slash or not hmac.compare_digest(token.encode(), self.token.encode()):
+            raise RefusedError(403, "another token")
+        if headers.get_all("Origin") and _single(headers, "Origin") != f"http://{host}":
+            raise RefusedError(403, "another origin")
+        if headers.get_all("Sec-Fetch-Site") and _single(headers, "Sec-Fetch-Site") not in OWN_SITES:
+            raise RefusedError(403, "another site")
+        return name
+
+    def body_length(self, headers: Message) -> int:
+        """Return how many bytes of JSON follow the headers of a POST.
+
+        Raises:
+            RefusedError: no origin, another type, or a length that is missing, wrong or too large.
+        """
+        if not headers.get_all("Origin"):
+            raise RefusedError(403, "no origin")
+        kind = _single(headers, "Content-Type").partition(";")[0].strip().lower()
+        if kind != "application/json":
+            raise RefusedError(415, "expected application/json")
+        if headers.get_all("Transfer-Encoding") or headers.get_all("Content-Encoding"):
+            raise RefusedError(411, "expected a plain body of a stated length")
+        length = _single(headers, "Content-Length")
+        if not (length.isascii() and length.isdigit()) or len(length) > len(str(MAX_REQUEST)):
+            raise RefusedError(413 if length.isdigit() else 411, "expected the body's length in bytes")
+        if int(length) > MAX_BODY:
+            raise RefusedError(413, f"expected at most {MAX_BODY} bytes")
+        return int(length)
+
+
+def _single(headers: Message, name: str) -> str:
+    """Return a header's value; a header that is missing or stands there twice is nobody's."""
+    values: Sequence[str] = headers.get_all(name) or ()
+    return values[0] if len(values) == 1 else ""

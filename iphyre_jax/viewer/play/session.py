@@ -1,0 +1,109 @@
+"""Attempts of one person: five a game, each saved as a line of a file of plays."""
+
+from __future__ import annotations
+
+import platform
+from collections import defaultdict
+from dataclasses import dataclass, field
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from threading import Lock
+from typing import Final
+
+import jax
+
+import iphyre_jax
+from iphyre_jax.scenes import Scene
+from iphyre_jax.viewer.play.guard import RefusedError
+from iphyre_jax.viewer.plays import MAX_PLAYS, Play, append_play, play_to_json, result_of
+from iphyre_jax.viewer.recording import Recording
+
+ATTEMPTS: Final = 5  # of the paper's people
+
+
+@dataclass
+class _Series:
+    """Attempts at one scene that count together."""
+
+    number: int
+    tries: list[Play] = field(default_factory=list)
+
+
+class Session:
+    """Counts and saves attempts.
+
+    Args:
+        path: the file of plays that lines are added to; None to keep none.
+        name: of the person, as it stands in the file.
+        limit: attempts at a scene that count together.
+    """
+
+    def __init__(self, path: Path | None, name: str = "you", limit: int = ATTEMPTS) -> None:
+        self.limit = limit
+        self._path, self._name = path, name
+        self._saved = 0
+        self._lock = Lock()
+        self._series: dict[Scene, _Series] = defaultdict(lambda: _Series(1))
+
+    def add(self, recording: Recording) -> dict[str, object]:
+        """Count and save an attempt; returns the standing after it.
+
+        Raises:
+            RefusedError: all attempts are used, or the file has grown too long.
+            OSError: the file cannot be written.
+        """
+        with self._lock:
+            series = self._series[recording.scene]
+            if len(series.tries) >= self.limit:
+                raise RefusedError(409, f"all {self.limit} attempts are used")
+            if self._saved >= MAX_PLAYS:
+                raise RefusedError(409, f"{MAX_PLAYS} attempts are saved; start the server again")
+            facts = {"attempt": len(series.tries) + 1, "series": series.number, **_facts()}
+            if self._path is not None:
+                append_play(self._path, play_to_json(recording, self._name, facts))
+            self._saved += 1
+            agent = f"attempt {len(series.tries) + 1}"
+            series.tries.append(
+                Play(agent, recording.scene, recording.plan, recording.fps, result=result_of(recording))
+            )
+            return _standing(series, self.limit)
+
+    def begin_again(self, scene: Scene) -> dict[str, object]:
+        """Begin a new series of attempts at a scene, and return its standing."""
+        with self._lock:
+            series = self._series[scene]
+            if series.tries:
+                series = self._series[scene] = _Series(series.number + 1)
+            return _standing(series, self.limit)
+
+    def standing(self, scene: Scene) -> dict[str, object]:
+        """Return what has been attained in the series that is under way."""
+        with self._lock:
+            return _standing(self._series[scene] if scene in self._series else _Series(1), self.limit)
+
+    def attempts(self, scene: Scene) -> list[Play]:
+        """Return the attempts of the series that is under way."""
+        with self._lock:
+            return list(self._series[scene].tries) if scene in self._series else []
+
+
+def _standing(series: _Series, limit: int) -> dict[str, object]:
+    rewards = [float(str(play.result["reward"])) for play in series.tries if play.result]
+    return {
+        "series": series.number,
+        "rewards": rewards,
+        "left": limit - len(rewards),
+        "best": max(rewards, default=None),
+    }
+
+
+def _facts() -> dict[str, object]:
+    """Return what a line says about how it came to be."""
+    versions = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    device = jax.devices()[0]
+    return {
+        "when": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "versions": {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **versions},
+        "device": f"{device.platform}: {device.device_kind}",
+    }

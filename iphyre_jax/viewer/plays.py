@@ -1,0 +1,181 @@
+"""Files of plays: JSON lines, each a scene, a plan and how it ended. What people and agents did can be played again.
+
+{"schema": "iphyre_jax/play", "version": 1, "agent": "you", "scene": "hole",     a game, or a scene file's contents
+ "plan": [-1, -1, 83, 32],       for each eliminable block the step before which it goes, -1 for never
+ "fps": 60, "dtype": "float64", "resets": 1,
+ "result": {"solved": true, "steps": 261, "eliminations": 2, "reward": 975.65},
+ "facts": {...}}                 versions, time, number of the attempt: for people, not read
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from iphyre_jax.reward import whole_fps
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.convert import check_object
+from iphyre_jax.scenes.files import parse_json
+from iphyre_jax.scenes.limits import MAX_NAME
+from iphyre_jax.scenes.messages import one_line, refuse, show
+from iphyre_jax.viewer.recording import Recording, record
+
+SCHEMA: Final = "iphyre_jax/play"
+VERSION: Final = 1
+FIELDS: Final = ("schema", "version", "agent", "scene", "plan", "fps", "dtype", "resets", "result", "facts")
+RESULT_FIELDS: Final = ("solved", "steps", "eliminations", "reward")
+MAX_LINE: Final = 100_000  # bytes of one play; a scene takes about 1 kB
+MAX_PLAYS: Final = 10_000  # of one file
+MAX_FPS: Final = 1000
+DTYPES: Final = ("float64", "float32")
+
+_OWN_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
+
+
+@dataclass(frozen=True)
+class Play:
+    """One line of a file of plays."""
+
+    agent: str
+    scene: Scene
+    plan: tuple[int, ...]
+    fps: int = 60
+    dtype: str = "float64"
+    resets: int = 1
+    result: Mapping[str, object] | None = None
+    """How it ended when it was written."""
+
+    def record(self) -> Recording:
+        """Play it again."""
+        return record(self.scene, list(self.plan), fps=self.fps, dtype=self.dtype, resets=self.resets)
+
+    def differs(self, recording: Recording) -> str:
+        """Say in which way a recording ends otherwise than the line says; empty if it does not, or nothing is said."""
+        now, then = result_of(recording), self.result or {}
+        return "; ".join(f"{key} {show(value)}, now {now[key]}" for key, value in then.items() if value != now[key])
+
+
+def result_of(recording: Recording) -> dict[str, object]:
+    """Return how a recording ends, as the field `result` of a line."""
+    return {
+        "solved": recording.success,
+        "steps": recording.steps,
+        "eliminations": recording.eliminations,
+        "reward": recording.reward,
+    }
+
+
+def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) -> dict[str, object]:
+    """Return a line's contents for a recording."""
+    scene = recording.scene
+    own = scene.name in _OWN_NAMES and scene == load_scene(scene.name)
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "agent": agent,
+        "scene": scene.name if own else scene_to_dict(scene),
+        "plan": list(recording.plan),
+        "fps": recording.fps,
+        "dtype": recording.dtype,
+        "resets": recording.resets,
+        "result": result_of(recording),
+        "facts": dict(facts),
+    }
+
+
+def append_play(path: Path, line: Mapping[str, object]) -> None:
+    """Add a line to a file of plays; it is in the file before this returns."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line, allow_nan=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_plays(path: str | os.PathLike[str]) -> list[Play]:
+    """Read a file of plays.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        OSError: it cannot be read.
+        ValueError: a line is wrong; one line of text that names file, line and field.
+    """
+    return list(_plays(Path(path)))
+
+
+def _plays(path: Path) -> Iterator[Play]:
+    name = one_line(str(path))
+    if not path.is_file():
+        raise FileNotFoundError(f"{name}: expected a file of plays, but there is none")
+    with path.open("rb") as file:
+        count = 0
+        while content := file.readline(MAX_LINE + 1):
+            count += 1
+            source = f"{name}: line {count}"
+            if len(content) > MAX_LINE:
+                raise ValueError(f"{source}: expected at most {MAX_LINE} bytes, got more")
+            if count > MAX_PLAYS:
+                raise ValueError(f"{name}: expected at most {MAX_PLAYS} plays, got more")
+            if content.strip():
+                yield play_from_json(parse_json(content, source), source)
+
+
+def play_from_json(data: object, source: str) -> Play:
+    """Read one line's contents.
+
+    Raises:
+        ValueError: a field is wrong; one line for each, "source: field: expected ..., got ...".
+    """
+    fields = check_object(data, source, SCHEMA, VERSION, FIELDS)
+    scene = read_scene_field(fields.get("scene"), source)
+    problems = []
+    agent = fields.get("agent")
+    if not is_name(agent):
+        problems.append(f"agent: expected a text of 1 to {MAX_NAME} printable characters, got {show(agent)}")
+    plan = fields.get("plan")
+    problems.extend(plan_problems(plan, scene))
+    fps, dtype, resets = fields.get("fps", 60), fields.get("dtype", "float64"), fields.get("resets", 1)
+    try:
+        if whole_fps(fps) > MAX_FPS:
+            problems.append(f"fps: expected at most {MAX_FPS}, got {show(fps)}")
+    except ValueError:
+        problems.append(f"fps: expected a positive whole number, got {show(fps)}")
+    if dtype not in DTYPES:
+        problems.append(f"dtype: expected one of {', '.join(DTYPES)}, got {show(dtype)}")
+    if type(resets) is not int or not 1 <= resets <= 1000:
+        problems.append(f"resets: expected a whole number from 1 to 1000, got {show(resets)}")
+    result = fields.get("result")
+    if result is not None and (not isinstance(result, Mapping) or set(result) != set(RESULT_FIELDS)):
+        problems.append(f"result: expected an object of {', '.join(RESULT_FIELDS)}, got {show(result)}")
+    refuse(source, problems)
+    return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # as checked
+
+
+def is_name(value: object) -> bool:
+    """Whether a value can name an agent: it goes to terminals and pages, so nothing in it may steer them."""
+    return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable() and value == value.strip()
+
+
+def read_scene_field(value: object, source: str) -> Scene:
+    """Return the scene that a name of the package's games or a scene file's contents stand for; never a path.
+
+    Raises:
+        ValueError: it is neither; one line for each wrong field.
+    """
+    if isinstance(value, str):
+        if value not in _OWN_NAMES:
+            raise ValueError(f"{source}: scene: expected the name of a game or a scene, got {show(value)}")
+        return load_scene(value)
+    return scene_from_dict(value, f"{source}: scene")
+
+
+def plan_problems(plan: object, scene: Scene) -> Sequence[str]:
+    """Say what is wrong with a plan of steps, one for each eliminable block."""
+    blocks = len(scene.eliminable_blocks)
+    if not isinstance(plan, list) or len(plan) != blocks:
+        return [f"plan: expected {blocks} steps, one for each eliminable block, got {show(plan)}"]
+    wrong = [k for k, step in enumerate(plan) if type(step) is not int or not -1 <= step < 2**31]
+    return [f"plan[{k}]: expected a step from 0 on, or -1 for never, got {show(plan[k])}" for k in wrong]

@@ -1,0 +1,63 @@
+"""Search for good plans of a game: random ones first, then neighbours of the best, then the exact engine decides."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.plans import NEVER
+from iphyre_jax.scenes import Scene
+from iphyre_jax.simulation import simulate
+from iphyre_jax.viewer.recording import Recording, record
+
+LATEST = 7.0  # s, of a random removal; the longest wait of a known best plan is shorter
+KEPT = 8  # plans whose neighbours are tried
+SPREADS = (0.5, 0.2, 0.1, 0.05)  # s, how far neighbours are, round by round
+
+Plans = npt.NDArray[np.int64]
+
+
+def search(scene: Scene, *, plans: int = 2048, seed: int = 0, fps: int = 60) -> Recording:
+    """Return the play with the highest reward that was found.
+
+    Args:
+        scene: a game.
+        plans: random plans to begin with; each of four rounds tries half as many neighbours.
+        seed: of the random numbers.
+        fps: physics steps a second.
+
+    Removals are at different steps and after the start, as people's are. float32 finds, float64 decides among the 64
+    plans that look best.
+    """
+    rng, blocks = np.random.default_rng(seed), len(scene.eliminable_blocks)
+    tried = _valid(_random(rng, plans, blocks, fps))
+    reward = simulate(scene, tried, fps=fps).reward
+    for spread in SPREADS:
+        best = tried[np.argsort(-reward, kind="stable")[:KEPT]]
+        near = best[rng.integers(0, len(best), plans // 2)]
+        moved = near + np.rint(rng.normal(0, spread * fps, near.shape)).astype(np.int64)
+        moved = np.where(rng.random(near.shape) < 0.5, near, moved)
+        moved = np.where(near == NEVER, NEVER, np.maximum(moved, 1))
+        moved[rng.random(near.shape) < 0.1] = NEVER
+        moved = _valid(moved)
+        tried = np.concatenate([tried, moved])
+        reward = np.concatenate([reward, simulate(scene, moved, fps=fps).reward])
+    order = np.argsort(-reward, kind="stable")[:64]
+    exact = simulate(scene, tried[order], fps=fps, dtype="float64").reward
+    return record(scene, tried[order][int(np.argmax(exact))], fps=fps)
+
+
+def _random(rng: np.random.Generator, count: int, blocks: int, fps: int) -> Plans:
+    """Return plans (count, blocks) of which half are bursts, all removals within a second."""
+    spread = rng.uniform(0, LATEST, (count, blocks))
+    burst = rng.uniform(0, LATEST - 1, (count, 1)) + rng.uniform(0, 1, (count, blocks))
+    steps = np.rint(np.where(rng.random((count, 1)) < 0.5, spread, burst) * fps).astype(np.int64) + 1
+    removed = rng.integers(0, 1 + blocks, (count, 1)) > rng.permuted(np.tile(np.arange(blocks), (count, 1)), axis=1)
+    return np.where(removed, steps, NEVER)
+
+
+def _valid(plans: Plans) -> Plans:
+    """Return the plans that remove no two blocks before the same step."""
+    ordered = np.sort(plans, axis=1)
+    same = (np.diff(ordered, axis=1) == 0) & (ordered[:, 1:] != NEVER)
+    return plans[~same.any(axis=1)]

@@ -1,0 +1,58 @@
+"""Contact sheets: many plays on one picture, at their start or at their end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from PIL import Image
+
+from iphyre_jax.scenes import Scene
+from iphyre_jax.viewer.frames import Camera, Frame, Look
+from iphyre_jax.viewer.painter import blend
+from iphyre_jax.viewer.recording import Recording
+from iphyre_jax.viewer.themes import Colour, Theme, theme
+
+GAP = 6  # px between the pictures
+MAX_PICTURES = 400
+
+
+def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = -1, look: Look | None = None) -> Frame:
+    """Return one picture of many plays.
+
+    Args:
+        plays: at most 400.
+        columns: pictures in a row.
+        frame: which frame of each, counted from the end if it is negative.
+        look: how each picture looks.
+
+    Returns:
+        (H, W, 3) uint8.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+    """
+    if not 0 < len(plays) <= MAX_PICTURES:
+        raise ValueError(f"plays: expected 1 to {MAX_PICTURES}, got {len(plays)}")
+    if not 0 < columns <= MAX_PICTURES:
+        raise ValueError(f"columns: expected 1 to {MAX_PICTURES}, got {columns!r}")
+    chosen = look or Look(size=150)
+    images = [Camera(play, chosen).image(frame) for play in plays]
+    width, height = images[0].width + GAP, images[0].height + GAP
+    rows, across = -(-len(images) // columns), min(columns, len(images))
+    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _ground(theme(chosen.theme)))
+    for k, image in enumerate(images):
+        sheet.paste(image, (GAP + k % columns * width, GAP + k // columns * height))
+    return np.asarray(sheet)
+
+
+def _ground(colours: Theme) -> Colour:
+    return blend(colours.text, colours.background, 0.25)
+
+
+def start_of(scene: Scene, fps: int = 60) -> Recording:
+    """Return a recording of a scene before its first step; nothing is compiled or played."""
+    poses = np.zeros((1, scene.n_objects, 3))
+    poses[0, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    poses[0, scene.n_blocks :, :2] = scene.balls[:, :2]
+    return Recording.of_poses(scene, [-1] * len(scene.eliminable_blocks), poses, fps=fps)

@@ -1,0 +1,130 @@
+"""``python -m parity.golden`` writes short plays of every game in pymunk, for tests where pymunk is not installed.
+
+A file a game, NumPy's own format without pickle: for each frame rate the plans, their outcomes and the poses of the
+moving objects in float64 at every so many steps. Plans are those of the comparison (seed 0), the space is fresh.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import iphyre_jax
+from iphyre_jax import Scene
+from parity.compare import PlanComparison, compare_plans
+from parity.plans import random_plans
+from parity.trajectory import Trajectory
+
+FOLDER = Path(__file__).parents[1] / "tests" / "parity" / "golden"
+PLANS = 3  # plan 0 removes nothing
+SEED = 0
+DURATION = 15.0  # s
+EVERY = {60: 12, 10: 2}  # frame rate -> steps between samples
+
+
+@dataclass(frozen=True, eq=False)
+class Golden:
+    """A game's plays at one frame rate.
+
+    Attributes:
+        fps: physics steps a second.
+        eliminate_at: (B, S) int32, the plans.
+        plays: the reference's plays, sampled at every `EVERY[fps]`-th step.
+    """
+
+    fps: int
+    eliminate_at: NDArray[np.int32]
+    plays: list[Trajectory]
+
+
+def record(scene: Scene) -> list[Golden]:
+    """Play a game's plans in pymunk, at every rate."""
+    from parity.reference import run  # the only part that needs pymunk
+
+    made = []
+    for fps, every in EVERY.items():
+        plans = random_plans(scene, PLANS, fps, SEED)
+        steps = round(DURATION * fps)
+        made.append(Golden(fps, plans, [run(scene, row, fps=fps, steps=steps, sample_every=every) for row in plans]))
+    return made
+
+
+def write(scene: Scene, made: list[Golden], folder: Path = FOLDER) -> Path:
+    """Write a game's file into a folder, which is made if it is missing.
+
+    Returns:
+        The file.
+    """
+    fields: dict[str, NDArray[np.generic]] = {}
+    for golden in made:
+        columns = {
+            "eliminate_at": golden.eliminate_at,
+            "success": np.array([play.success for play in golden.plays]),
+            "steps": np.array([play.steps for play in golden.plays], np.int32),
+            "eliminations": np.array([play.eliminations for play in golden.plays], np.int32),
+            "poses": np.stack([play.samples[:, scene.dynamic] for play in golden.plays]),
+        }
+        fields |= {f"{name}_{golden.fps}": column for name, column in columns.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{scene.name}.npz"
+    np.savez_compressed(path, allow_pickle=False, **fields)
+    return path
+
+
+def read(scene: Scene, folder: Path = FOLDER) -> list[Golden]:
+    """Read a game's file.
+
+    Raises:
+        OSError: there is no such file, or it cannot be read.
+    """
+    found = []
+    with np.load(folder / f"{scene.name}.npz", allow_pickle=False) as file:
+        for fps, every in EVERY.items():
+            plans, success, steps, eliminations, poses = (
+                file[f"{name}_{fps}"] for name in ("eliminate_at", "success", "steps", "eliminations", "poses")
+            )
+            plays = [
+                Trajectory(bool(won), int(made), int(gone), _samples(scene, plan, int(made), every, moved))
+                for plan, won, made, gone, moved in zip(plans, success, steps, eliminations, poses, strict=True)
+            ]
+            found.append(Golden(fps, plans, plays))
+    return found
+
+
+def _samples(
+    scene: Scene, plan: NDArray[np.int32], made: int, every: int, moved: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses of all objects, (K, N, 3): the moving ones as given, the others where the scene has them until removed."""
+    samples = np.zeros((len(moved), scene.n_objects, 3))
+    samples[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    samples[:, scene.dynamic] = moved
+    for block, when in zip(scene.eliminable_blocks, plan.tolist(), strict=True):
+        if 0 <= when < made:
+            samples[when // every + 1 :, block] = np.nan
+    return samples
+
+
+def compare(scene: Scene, golden: Golden, dtype: str = "float64") -> PlanComparison:
+    """Play a golden file's plans in ours and compare."""
+    every = EVERY[golden.fps]
+    given = {"fps": golden.fps, "duration": DURATION, "dtype": dtype, "sample_every": every}
+    ours = iphyre_jax.simulate(scene, golden.eliminate_at, **given)  # type: ignore[arg-type]  # values of all kinds
+    return compare_plans(golden.plays, ours, scene.dynamic, golden.fps, every)
+
+
+def main() -> int:
+    """Write all files."""
+    total = 0
+    for name in iphyre_jax.GAMES:
+        scene = iphyre_jax.load_scene(name)
+        total += write(scene, record(scene)).stat().st_size
+    print(f"{len(iphyre_jax.GAMES)} files, {total / 1e6:.2f} MB, in {FOLDER}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,69 @@
+"""``python -m parity.random_run``: a run that was killed goes on where it was, and ends with the same report."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from parity import random_run
+from parity.compare import compare_plans
+from parity.exceptions import Astray
+from parity.play import GameResult, as_played, play_reference
+from parity.random_scenes import random_scene
+from parity.stages import Divergence
+
+SMALL = ["--scenes", "2", "--plans", "2", "--fps", "10", "--workers", "1", "--duration", "3"]
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [*SMALL, "--out", str(tmp_path)]
+    assert random_run.main(options) == 0
+    assert "10 fps, float64: every target is reached" in capsys.readouterr().out
+    report, log = tmp_path / "random.json", tmp_path / "random.part.jsonl"
+    first = json.loads(report.read_text())
+    assert [row["name"] for row in first["tables"][0]["games"]] == ["0: 1 ball", "1: 2 balls"]
+
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([*lines[:2], lines[2][:50]]))  # killed while it wrote the second task
+    played: list[Any] = []
+    right = random_run.compare_games
+
+    def watched(tasks: list[Any], workers: int) -> Any:
+        played.extend(tasks)
+        return right(tasks, workers)
+
+    monkeypatch.setattr(random_run, "compare_games", watched)
+    assert random_run.main(options) == 0
+    assert len(played) == 1
+    assert json.loads(report.read_text()) == first
+
+    assert random_run.main([*options, "--seed", "1"]) in (0, 1)  # other options begin anew
+    assert len(played) == 3
+
+
+def test_a_result_is_read_as_it_was_written() -> None:
+    scene = random_scene(1)
+    plans = np.array([[-1] * len(scene.eliminable_blocks)] * 2, np.int32)
+    plays = play_reference(scene, plans, 10, 3.0, 1)
+    told = Divergence(3, "roles", "other", True)
+    astray = Astray(scene.name, 10, "float64", 1, (-1,), 2.0, (True, 3), (False, 4), 1, None, told)
+    compared = compare_plans(plays, as_played(plays), scene.dynamic, 10)
+    result = GameResult(scene, 10, "float64", plans, compared, astray=(astray,))
+    again = random_run._result(json.loads(json.dumps(random_run._record(result))), {scene.name: scene})
+    assert (again.scene, again.fps, again.astray) == (scene, 10, (astray,))
+    np.testing.assert_array_equal(again.eliminate_at, plans)
+    for name, values in vars(compared).items():
+        if name != "course":
+            np.testing.assert_array_equal(getattr(again.comparison, name), values)
+            assert getattr(again.comparison, name).dtype == values.dtype
+
+
+@pytest.mark.parametrize("option", ["scenes", "plans", "resets", "workers"])
+def test_bad_options_get_one_line(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert random_run.main([f"--{option}", "0", "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"--{option}: expected an integer of at least 1, got 0\n"

@@ -1,0 +1,228 @@
+"""The play server: thirty hostile requests are refused, and play goes on."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+
+from iphyre_jax import load_scene, simulate
+from iphyre_jax.scenes import read_scene, scene_to_dict
+from iphyre_jax.viewer.play.api import Api
+from iphyre_jax.viewer.play.server import CONNECTIONS, FILES, PlayServer
+from iphyre_jax.viewer.play.session import Session
+from iphyre_jax.viewer.plays import read_plays
+
+TOKEN = "a-token"  # noqa: S105 - of this test's own server
+PLAN = [-1, -1, 83, 32]
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[PlayServer]:
+    with PlayServer(Api(Session(tmp_path / "attempts.jsonl")), TOKEN, seconds=2.0) as server:
+        thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+def ask(
+    server: PlayServer, name: str, body: object = None, *, method: str = "POST", **headers: str | None
+) -> tuple[int, Any]:
+    """Ask as the page does; a header that is None is left out, and one with a value replaces the page's."""
+    own = {
+        "Host": f"127.0.0.1:{server.server_port}",
+        "Origin": f"http://127.0.0.1:{server.server_port}",
+        "Content-Type": "application/json",
+    }
+    sent = own | {key.replace("_", "-"): value for key, value in headers.items()}
+    content = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=30)
+    with closing(connection):
+        connection.putrequest(method, f"/{TOKEN}/{name}" if not name.startswith("/") else name, skip_host=True)
+        if method == "POST":
+            sent.setdefault("Content-Length", str(len(content)))
+        for key, value in sent.items():
+            if value is not None:
+                connection.putheader(key, value)
+        connection.endheaders(content if method == "POST" else None)
+        answer = connection.getresponse()
+        told = answer.read()
+    return answer.status, json.loads(told) if "json" in answer.getheader("Content-Type", "") else told
+
+
+def say(server: PlayServer, text: bytes) -> bytes:
+    """Send bytes as they are, and return the answer's first line; empty if the server has closed the connection."""
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
+        try:
+            connection.sendall(text)
+            connection.shutdown(socket.SHUT_WR)
+            with connection.makefile("rb") as answer:
+                return answer.readline()
+        except OSError:  # reset, broken or not connected any more
+            return b""
+
+
+def test_the_page_and_its_files_are_served(server: PlayServer) -> None:
+    for name in ("", *FILES):
+        status, content = ask(server, name, method="GET", Origin=None)
+        assert status == 200
+        assert len(content) > 200
+    assert b"<script>" not in ask(server, "", method="GET")[1]
+
+
+def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp_path: Path) -> None:
+    status, game = ask(server, "api/game", {"scene": "hole"})
+    assert status == 200
+    assert game["figures"]["human"] == 966.08
+    assert game["play"]["steps"] == 900
+    assert game["standing"] == {"series": 1, "rewards": [], "left": 5, "best": None}
+    expected = simulate("hole", [PLAN], fps=60, dtype="float64")
+    for number in range(1, 6):
+        status, answer = ask(server, "api/attempt", {"scene": "hole", "plan": PLAN})
+        assert status == 200
+        assert answer["play"]["reward"] == expected.reward[0]
+        assert answer["standing"]["left"] == 5 - number
+    assert ask(server, "api/attempt", {"scene": "hole", "plan": PLAN}) == (409, {"error": "all 5 attempts are used"})
+    assert ask(server, "api/again", {"scene": "hole"})[1]["standing"]["series"] == 2
+    assert ask(server, "api/attempt", {"scene": "hole", "plan": [-1] * 4})[1]["standing"]["left"] == 4
+    plays = read_plays(tmp_path / "attempts.jsonl")
+    assert [play.plan for play in plays] == [tuple(PLAN)] * 5 + [(-1,) * 4]
+    assert not plays[0].differs(plays[0].record())
+    line = json.loads((tmp_path / "attempts.jsonl").read_text("utf-8").splitlines()[-1])
+    assert (line["facts"]["series"], line["facts"]["attempt"]) == (2, 1)
+    assert {"iphyre_jax", "jax", "numpy"} <= set(line["facts"]["versions"])
+    agents = ask(server, "api/agents", {"scene": "hole"})[1]
+    assert [play["agent"] for play in agents] == ["best plan known", "attempt 1"]
+
+
+def test_the_editor_hears_the_validator(server: PlayServer, tmp_path: Path) -> None:
+    scene = scene_to_dict(load_scene("hole"))
+    answer = ask(server, "api/check", {"scene": scene})[1]
+    assert answer["problems"] == []
+    (tmp_path / "saved.json").write_text(answer["file"], "utf-8")
+    assert read_scene(tmp_path / "saved.json") == load_scene("hole")
+    answer = ask(server, "api/check", {"scene": {**scene, "eli": [1] * 7, "name": ""}})[1]
+    assert answer["file"] is None
+    assert [line.partition(":")[0] for line in answer["problems"]] == ["name"]
+    answer = ask(server, "api/check", {"scene": {**scene, "eli": [1] * 7}})[1]
+    assert [line.partition(":")[0] for line in answer["problems"]] == ["eli[6]", "eli"]
+    assert ask(server, "api/check", {"scene": ["x"]})[1]["problems"][0].startswith("expected an object")
+
+
+REFUSED: list[tuple[str, dict[str, Any], int]] = [
+    ("another host", {"Host": "evil.example"}, 403),
+    ("a host that points here", {"Host": "evil.example:80"}, 403),
+    ("another port", {"Host": "127.0.0.1:1"}, 403),
+    ("no host", {"Host": None}, 403),
+    ("another origin", {"Origin": "http://evil.example"}, 403),
+    ("the origin of a file", {"Origin": "null"}, 403),
+    ("no origin", {"Origin": None}, 403),
+    ("https origin", {"Origin": "https://127.0.0.1"}, 403),
+    ("another site", {"Sec_Fetch_Site": "cross-site"}, 403),
+    ("a sibling site", {"Sec_Fetch_Site": "same-site"}, 403),
+    ("no token", {"name": "/api/start"}, 403),
+    ("another token", {"name": "/b-token/api/start"}, 403),
+    ("a token in capitals", {"name": f"/{TOKEN.upper()}/api/start"}, 403),
+    ("a token that is not ASCII", {"name": "/%C3%A9/api/start"}, 403),
+    ("a path out of the folder", {"name": "../../../etc/passwd", "method": "GET"}, 404),
+    ("the same, encoded", {"name": "%2e%2e%2f%2e%2e%2fetc%2fpasswd", "method": "GET"}, 404),
+    ("an absolute path", {"name": "/etc/passwd", "method": "GET"}, 403),
+    ("a file of the package", {"name": "figures.json", "method": "GET"}, 404),
+    ("a Python file", {"name": "../page.py", "method": "GET"}, 404),
+    ("no such call", {"name": "api/eval"}, 404),
+    ("a form", {"Content_Type": "application/x-www-form-urlencoded"}, 415),
+    ("plain text", {"Content_Type": "text/plain"}, 415),
+    ("a huge body", {"Content_Length": "100000000000"}, 413),
+    ("a body over the limit", {"body": b" " * 65537}, 413),
+    ("a negative length", {"Content_Length": "-1"}, 411),
+    ("chunks", {"Transfer_Encoding": "chunked", "Content_Length": None}, 411),
+    ("no JSON", {"body": b"{"}, 400),
+    ("deep JSON", {"body": b"[" * 60000}, 400),
+    ("not UTF-8", {"body": b"\xff\xfe"}, 400),
+    ("a key twice", {"body": b'{"a": 1, "a": 2}'}, 400),
+    ("a foreign field", {"body": {"scene": "hole"}}, 400),
+    ("a path for a scene", {"name": "api/game", "body": {"scene": "/etc/passwd"}}, 400),
+    ("a plan of another form", {"name": "api/record", "body": {"scene": "hole", "plan": {"a": 1}}}, 400),
+    ("a plan of huge numbers", {"name": "api/record", "body": {"scene": "hole", "plan": [10**400] * 4}}, 400),
+    ("two removals at once", {"name": "api/attempt", "body": {"scene": "hole", "plan": [5, 5, -1, -1]}}, 400),
+    ("a removal after the end", {"name": "api/attempt", "body": {"scene": "hole", "plan": [900, -1, -1, -1]}}, 400),
+    ("another method", {"method": "DELETE"}, 501),
+    ("a question about methods", {"method": "OPTIONS"}, 501),
+]
+
+
+def test_hostile_requests_are_refused_and_play_goes_on(server: PlayServer, tmp_path: Path) -> None:
+    assert len(REFUSED) >= 30
+    for what, arguments, expected in REFUSED:
+        status, told = ask(server, **({"name": "api/start"} | arguments))
+        assert (what, status) == (what, expected)
+        assert "\n" not in str(told.get("error", "")) or status == 400
+    assert not (tmp_path / "attempts.jsonl").exists()
+    assert ask(server, "api/attempt", {"scene": "hole", "plan": PLAN})[0] == 200
+
+
+def test_what_is_no_http_is_refused_and_play_goes_on(server: PlayServer) -> None:
+    port = server.server_port
+    line = f"GET /{TOKEN}/ HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n"
+    for text in (
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",  # the beginning of TLS
+        b"GET\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET /" + b"a" * 70_000 + b" HTTP/1.1\r\n\r\n",
+        (line + "a: b\r\n" * 2000 + "\r\n").encode(),
+        (line + "x: " + "y" * 200_000 + "\r\n\r\n").encode(),
+        (line + f"Host: 127.0.0.1:{port}\r\n\r\n").encode(),  # twice
+        b"\x00" * 1000 + b"\r\n\r\n",
+    ):
+        assert b" 200 " not in say(server, text)
+    assert b" 200 " in say(server, (line + "\r\n").encode())
+
+
+def test_floods_and_dawdlers_do_not_hold_up_play(server: PlayServer) -> None:
+    begin = time.monotonic()
+    held = [socket.create_connection(("127.0.0.1", server.server_port)) for _ in range(3 * CONNECTIONS)]
+    try:
+        for connection in held[::2]:
+            try:
+                connection.sendall(f"POST /{TOKEN}/api/start HTTP/1.1\r\n".encode())
+            except OSError:  # closed already: there were too many
+                continue
+        status = None
+        while status != 200 and time.monotonic() - begin < 20:  # those that dawdle are given 2 s
+            try:
+                status, _ = ask(server, "api/start")
+            except (OSError, http.client.HTTPException):
+                time.sleep(0.1)
+        assert status == 200
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def test_an_idle_server_costs_nothing(server: PlayServer) -> None:
+    ask(server, "api/start")
+    begin, clock = time.process_time(), time.monotonic()
+    time.sleep(1.0)
+    assert (time.process_time() - begin) / (time.monotonic() - clock) < 0.05
+
+
+def test_a_failure_within_is_told_and_play_goes_on(
+    server: PlayServer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(fields: object) -> object:
+        raise RuntimeError("something inside")
+
+    monkeypatch.setitem(server.api._calls, "api/start", (fail, frozenset()))
+    assert ask(server, "api/start") == (500, {"error": "the server failed; its terminal says how"})
+    assert ask(server, "api/check", {"scene": {}})[0] == 200
+    assert "RuntimeError: something inside" in capsys.readouterr().err

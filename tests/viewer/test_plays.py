@@ -1,0 +1,185 @@
+"""Files of plays: what is written is read, and what is wrong is told in one line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import chdir
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from iphyre_jax import SceneBuilder, cli, load_scene
+from iphyre_jax.viewer.figures import figures_of
+from iphyre_jax.viewer.plays import append_play, play_to_json, read_plays
+from iphyre_jax.viewer.recording import record
+from iphyre_jax.viewer.sources import best_plays, load_plays
+
+GOOD = {
+    "schema": "iphyre_jax/play",
+    "version": 1,
+    "agent": "somebody",
+    "scene": "hole",
+    "plan": [-1, -1, 83, 32],
+    "fps": 60,
+    "dtype": "float64",
+    "resets": 1,
+}
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    builder = SceneBuilder("<img src=x onerror=alert(1)>")
+    builder.block((200, 400), (300, 400), eliminable=True)
+    builder.ball((250, 340))
+    file = tmp_path / "plays.jsonl"
+    for scene, plan in ((load_scene("hole"), [-1, -1, 83, 32]), (builder.build(), [60])):
+        append_play(file, play_to_json(record(scene, plan), "<b>", {"attempt": 1}))
+    first, second = read_plays(file)
+    assert first.scene == load_scene("hole")
+    assert second.scene == builder.build()
+    assert (first.agent, second.plan) == ("<b>", (60,))
+    assert not first.differs(first.record())
+    assert first.record().success
+    told = replace(first, result={**(first.result or {}), "steps": 1}).differs(first.record())
+    assert told == "steps 1, now 261"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "other"}, "schema: expected"),
+        ({"version": 2}, "version: expected 1"),
+        ({"scene": "../../etc/passwd"}, "scene: expected the name of a game or a scene"),
+        ({"scene": {"name": "x"}}, "scene: schema: expected"),
+        ({"agent": ""}, "agent: expected"),
+        ({"agent": "a\x1b[2Jb"}, "agent: expected"),
+        ({"agent": "a\u2028b"}, "agent: expected"),
+        ({"agent": "x" * 101}, "agent: expected"),
+        ({"plan": [1]}, "plan: expected 4 steps"),
+        ({"plan": [-1, -1, 0.5, True]}, "plan[2]: expected a step"),
+        ({"plan": [-1, -1, -1, 2**31]}, "plan[3]: expected a step"),
+        ({"fps": 0}, "fps: expected"),
+        ({"fps": 5000}, "fps: expected at most"),
+        ({"dtype": "float16"}, "dtype: expected"),
+        ({"resets": 0}, "resets: expected"),
+        ({"result": [1]}, "result: expected"),
+        ({"extra": 1}, "'extra': expected no such field"),
+    ],
+)
+def test_a_wrong_line_is_named(change: dict[str, object], message: str, tmp_path: Path) -> None:
+    file = tmp_path / "plays.jsonl"
+    file.write_text(json.dumps(GOOD) + "\n" + json.dumps(GOOD | change) + "\n", "utf-8")
+    with pytest.raises(ValueError) as error:
+        read_plays(file)
+    assert str(error.value).startswith(f"{file}: line 2: ")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("content", [b"[", b"\xff\n", b"1\n", b'{"a":1,"a":2}\n', b"[" * 50_000, b" " * 200_000])
+def test_what_is_no_json_is_named(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "plays.jsonl"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"line 1: .*expected") as error:
+        read_plays(file)
+    assert "\n" not in str(error.value)
+
+
+def test_the_best_plans_are_for_the_forty_games() -> None:
+    from iphyre_jax import GAMES
+
+    assert tuple(best_plays()) == GAMES
+    for game in ("support", "hole", "noisy_hole"):  # all forty: make test-browser
+        assert not best_plays()[game].differs(best_plays()[game].record())
+    solved = [play.result["solved"] for play in best_plays().values() if play.result]
+    assert solved == [True] * 40
+
+
+def test_figures_are_the_papers() -> None:
+    hole = figures_of("hole")
+    assert hole["human"] == 966.08
+    assert hole["oracle_split"] == 976.06
+    assert hole["agents"]["PPO-I"] == 949.7  # type: ignore[index]
+    assert figures_of("unseen_hole") == figures_of("nothing") == {}
+
+
+def write_run(folder: Path, plan: object) -> Path:
+    folder.mkdir()
+    (folder / "config.json").write_text(json.dumps({"settings": {"fps": 10, "resets": 2, "dtype": "float64"}}), "utf-8")
+    (folder / "evaluation.json").write_text(json.dumps({"games": [{"game": "support", "plan": plan}]}), "utf-8")
+    return folder
+
+
+def test_a_run_folder_is_a_source(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "one <b>", [0.1, 0.2])
+    (play,) = load_plays(run)
+    assert (play.agent, play.plan, play.fps, play.resets) == ("one <b>", (1, 2), 10, 2)
+    assert play.record().reward == 977.6
+
+
+@pytest.mark.parametrize("plan", [None, [], ["x", None], [1e9, None], [-1, None]])
+def test_a_wrong_run_folder_is_named(plan: object, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"games\[0\]: plan: expected"):
+        load_plays(write_run(tmp_path / "run", plan))
+    with pytest.raises(FileNotFoundError, match=r"config.json: expected this file of a run folder"):
+        load_plays(tmp_path)
+
+
+def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plays = tmp_path / "plays.jsonl"
+    plays.write_text(json.dumps(GOOD) + "\n" + json.dumps(GOOD | {"plan": [-1, -1, -1, -1]}) + "\n", "utf-8")
+    out = tmp_path / "out.png"
+    assert cli.run(["render", "hole", "--plan", "-", "-", "1.38", "0.53", "-o", str(out), "--size", "64"]) == 0
+    assert "hole: solved after 261 steps, reward 975.6500" in capsys.readouterr().out
+    for what in (["basic"], [str(plays)], [str(plays), "--game", "hole"]):
+        out.unlink()
+        assert cli.run(["render", *what, "-o", str(out), "--size", "64"]) == 0
+        assert out.is_file()
+    page = tmp_path / "replay.html"
+    assert cli.run(["replay", str(plays), "-o", str(page)]) == 0
+    assert "2 plays" in capsys.readouterr().out
+    assert cli.run(["evaluate", str(plays)]) == 0
+    printed = capsys.readouterr().out
+    assert "somebody at 60 steps a second" in printed
+    assert "975.65" in printed
+    assert "966.08" in printed  # the paper's people
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["render", "hol", "-o", "a.png"], "scene: expected the name of a game"),
+        (["render", "hole", "-o", "a.bmp"], "expected a name that ends in"),
+        (["render", "all", "-o", "a.mp4"], "expected a name that ends in .png"),
+        (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds or never"),
+        (["render", "best", "--game", "nothing", "-o", "a.png"], "game: expected one that best has plays of"),
+        (["replay", "none.jsonl"], "none.jsonl: expected a file of plays"),
+        (["replay", "best", "--games", "nothing"], "games: expected scenes"),
+        (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),
+        (["play", "--port", "70000"], "port: expected"),
+        (["play", "--name", "a\x1bb"], "name: expected"),
+        (["play", "--attempts", "no/where.jsonl"], "expected a file in a folder that exists"),
+        (["play", "--agents", "none.jsonl"], "none.jsonl: expected a file of plays"),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with chdir(tmp_path):
+        assert cli.run(arguments) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_extra_gets_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    for name in ("films", "frames", "painter", "sheets"):
+        monkeypatch.delitem(sys.modules, f"iphyre_jax.viewer.{name}", raising=False)
+    assert cli.run(["render", "hole", "-o", str(tmp_path / "a.png")]) == 2
+    printed = capsys.readouterr().err
+    assert "this command needs the extra 'viewer' (PIL is missing)" in printed
+    assert printed.count("\n") == 1
