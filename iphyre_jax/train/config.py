@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, get_args
 from iphyre_jax.env import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.reward import whole_fps
-from iphyre_jax.scenes import SPLITS
+from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.train.distributions import HeadName
 from iphyre_jax.train.settings import PPO, SETTINGS, AgentName, PolicyGradient, Settings
 
@@ -56,7 +56,7 @@ class TrainConfig:
     """Train on the games of this split, each equally often: basic, noisy, compositional, multi_ball or unseen_basic."""
 
     games: tuple[str, ...] = ()
-    """Train on these games, by name, in place of a whole split."""
+    """Train on these games, by name or scene file, in place of a whole split."""
 
     variations: int = 0
     """Shifted, mirrored, stretched and jittered copies of each game that are trained on beside it (in advance only)."""
@@ -172,11 +172,12 @@ def heads_for(agent: AgentName, strategy: StrategyName) -> tuple[HeadName, ...]:
 
 
 def _check_games(config: TrainConfig) -> None:
-    """Refuse games that do not exist and rates that do not fit."""
+    """Refuse games that do not exist, scene files that are not valid and rates that do not fit."""
     known = {game for games in SPLITS.values() for game in games}
-    for game in config.games:
-        if game not in known:
-            raise ValueError(f"games: expected names of games of the package, got {game!r}")
+    for game in set(config.games) - known:
+        if not Path(game).is_file():
+            raise ValueError(f"games: expected names of games of the package or scene files, got {game!r}")
+        load_scene(game)
     if whole_fps(config.fps) % 10:
         raise ValueError(f"fps: expected a multiple of 10, got {config.fps}")
 
