@@ -135,25 +135,15 @@ def _in_order(count: int, place: jax.Array) -> list[tuple[int, jax.Array | None]
 
 
 def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:
-    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one.
-
-    Bars that go before one step go in the order of their plan columns, and their constraints with them.
-    """
+    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one."""
     count = len(topology.constraints)
     if count < 3:
         return state.place
-    held = [k for k, ends in enumerate(topology.constraints) if STATIC in ends]
     place = [state.place[k] for k in range(count)]
-    going = {k: jnp.any(_holder(world, k) & state.alive & ~alive, axis=0) for k in held}
-    column = {k: jnp.max(jnp.where(_holder(world, k), world.column, -1), axis=0) for k in held}
-    for _ in held:
-        waiting = [jnp.where(going[k], column[k], jnp.iinfo(jnp.int32).max) for k in held]
-        first = jnp.min(jnp.stack(waiting), axis=0)
-        for k in held:
-            goes = going[k] & (column[k] == first)
-            going[k] = going[k] & ~goes
-            last = sum((p >= 0).astype(jnp.int32) for p in place) - 1
-            hole = place[k]
-            place = [jnp.where(goes & (p == last), hole, p) for p in place]
-            place[k] = jnp.where(goes, -1, place[k])
+    for k in range(count):
+        goes = jnp.any(_holder(world, k) & state.alive & ~alive, axis=0)
+        last = sum((p >= 0).astype(jnp.int32) for p in place) - 1
+        hole = place[k]
+        place = [jnp.where(goes & (p == last), hole, p) for p in place]
+        place[k] = jnp.where(goes, -1, place[k])
     return jnp.stack(place)
