@@ -7,7 +7,7 @@ are put in order by their keys (see `broadphase.order`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -104,10 +104,14 @@ def collide(
         if kind is not None:
             slots, _ = _visit(kind, slots, none)
     bars = _bar_bar(topology, world, shape, broad, order)
-    if bars is not None:
-        renewed, by_owner = _renewed(topology, broad, order)
-        slots, side = _visit(bars, slots, side if side.shape[0] == 0 else jnp.where(renewed, gjk.NO_SIDE, side))
-        side = side if side.shape[0] == 0 else jnp.where(by_owner, gjk.NO_SIDE, side)
+    if bars is not None and side.shape[0] == 0:
+        slots, _ = _visit(bars, slots, none)
+    elif bars is not None:
+        # A new pair remembers no side; if its owner inserted it, the reference also forgets the one found in this step.
+        renewed = [broad.updated[i] | broad.updated[j] for i, j in topology.pairs]
+        side = jnp.where(_of_bar_pairs(topology, renewed, broad.updated), gjk.NO_SIDE, side)
+        slots, side = _visit(bars, slots, side)
+        side = jnp.where(_of_bar_pairs(topology, order.by_owner, broad.updated), gjk.NO_SIDE, side)
     return _in_order(slots), slots.total, side
 
 
@@ -161,16 +165,14 @@ def _bar_bar(
         frame = _frame(first, second)
         return frame, *segment_segment(first.segment, _second_segment(second, frame), info[1] != 0, side)
 
-    keys, first_is_a = [], []
+    keys = []
     for bar in range(m):
         others = range(bar + 1, m)
         near = broadphase.overlap(_rows(shape.bar_box, bar, bar + 1), _rows(shape.bar_box, bar + 1, None))
         keys.append(jnp.where(near & shape.alive[bar + 1 :], order.of(topology, bar, others), KEY_NONE))
-        moving = [order.low_is_a[topology.pairs.index((bar, other))] for other in others]
-        first_is_a += [*moving, *[broad.updated[bar]] * topology.statics]
     info = [
         jnp.concatenate(keys),
-        jnp.stack(first_is_a).astype(jnp.int32),
+        _of_bar_pairs(topology, order.low_is_a, broad.updated).astype(jnp.int32),
         *jnp.broadcast_to(world.point_class, (4, len(pairs), *shape.alive.shape[1:])),
     ]
     bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
@@ -178,17 +180,12 @@ def _bar_bar(
     return _Kind(pairs, bodies, first_id, lanes.stack(info, axis=1), (shape.bars[:m], shape.bars), touch)
 
 
-def _renewed(topology: Topology, broad: BroadPhase, order: broadphase.Order) -> tuple[jax.Array, jax.Array]:
-    """Return for each pair of bars whether it was inserted anew in this step, and whether its owner did so.
-
-    A new pair remembers no side. If its owner inserted it, the reference also forgets the side found in this step.
-    """
-    m, either, by_owner = topology.bars, [], []
-    for bar in range(m):
-        static = [broad.updated[bar]] * topology.statics
-        either += [*(broad.updated[bar] | broad.updated[other] for other in range(bar + 1, m)), *static]
-        by_owner += [*(order.by_owner[topology.pairs.index((bar, other))] for other in range(bar + 1, m)), *static]
-    return jnp.stack(either), jnp.stack(by_owner)
+def _of_bar_pairs(topology: Topology, of_moving: Sequence[jax.Array], of_body: jax.Array) -> jax.Array:
+    """Return values of `topology.bar_pairs`: of two moving bars those of `topology.pairs`, else the moving bar's."""
+    values = [
+        of_moving[topology.pairs.index((i, j))] if j < topology.bars else of_body[i] for i, j in topology.bar_pairs
+    ]
+    return jnp.stack(values)
 
 
 def _rows(box: Box, start: int, stop: int | None) -> Box:

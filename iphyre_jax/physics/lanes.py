@@ -31,22 +31,6 @@ def write(tables: Tree, row: jax.Array, values: Tree) -> Tree:
     return jax.tree.map(lambda table, value: jax.lax.dynamic_update_index_in_dim(table, value, row, 0), tables, values)
 
 
-def put(tables: Tree, place: jax.Array, valid: jax.Array, values: Tree) -> Tree:
-    """Return `tables` with `values` in the row `place` of each lane that is `valid`; rows past the end are left out.
-
-    The loop visits only the rows between the first and the last one that any lane names.
-    """
-    size = jax.tree.leaves(tables)[0].shape[0]
-    first = jnp.min(jnp.where(valid, place, size))
-    last = jnp.minimum(jnp.max(jnp.where(valid, place, -1)), size - 1)
-
-    def row(k: jax.Array, tables: Tree) -> Tree:
-        here = valid & (place == k)
-        return write(tables, k, jax.tree.map(lambda new, old: jnp.where(here, new, old), values, read(tables, k)))
-
-    return jax.lax.fori_loop(first, last + 1, row, tables)
-
-
 def stack(rows: Sequence[jax.Array], axis: int = 0) -> jax.Array:
     """Stack arrays of one shape."""
     return jax.lax.optimization_barrier(jnp.stack(rows, axis))
