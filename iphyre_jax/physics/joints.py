@@ -135,15 +135,27 @@ def _in_order(count: int, place: jax.Array) -> list[tuple[int, jax.Array | None]
 
 
 def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:
-    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one."""
+    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one.
+
+    Bars that go before one step go in the order of their plan columns, and their constraints with them.
+    """
     count = len(topology.constraints)
     if count < 3:
         return state.place
-    place = [state.place[k] for k in range(count)]
-    for k in range(count):
-        goes = jnp.any(_holder(world, k) & state.alive & ~alive, axis=0)
-        last = sum((p >= 0).astype(jnp.int32) for p in place) - 1
-        hole = place[k]
-        place = [jnp.where(goes & (p == last), hole, p) for p in place]
-        place[k] = jnp.where(goes, -1, place[k])
-    return jnp.stack(place)
+    holders = [_holder(world, k) for k in range(count)]
+    going = jnp.stack([jnp.any(holder & state.alive & ~alive, axis=0) for holder in holders])
+    column = jnp.stack([jnp.max(jnp.where(holder, world.column, -1), axis=0) for holder in holders])
+    index = jnp.arange(count, dtype=jnp.int32).reshape(count, *[1] * (going.ndim - 1))
+    turn = column * count + index
+
+    def take_first(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        place, going = carry
+        first = jnp.min(jnp.where(going, turn, jnp.iinfo(jnp.int32).max), axis=0, keepdims=True)
+        goes = going & (turn == first)
+        hole = jnp.max(jnp.where(goes, place, -1), axis=0, keepdims=True)
+        last = jnp.max(place, axis=0, keepdims=True)
+        filled = jnp.where((place == last) & (hole >= 0), hole, place)
+        return jnp.where(goes, -1, filled), going & ~goes
+
+    # A loop, not `count` rounds written out: the compiler repeats nested selections until it takes minutes.
+    return jax.lax.while_loop(lambda carry: jnp.any(carry[1]), take_first, (state.place, going))[0]
