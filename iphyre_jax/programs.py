@@ -1,7 +1,8 @@
 """Compiled programs and the chunks of worlds that run on them.
 
 One program per topology and dtype plays any scene of that topology at any frame rate, length and sampling: worlds run
-in chunks of a fixed number of lanes. Chunks are independent, so they are handed to as many threads as there are cores.
+in chunks of a fixed number of lanes. Chunks are independent, so they are handed to as many threads as there are cores;
+on a mesh there is a program for each mesh, whose chunks are as many times larger as it has devices.
 """
 
 from __future__ import annotations
@@ -16,14 +17,13 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 import numpy.typing as npt
+from jax.sharding import Mesh
 
-from iphyre_jax import configuration, rollouts
+from iphyre_jax import configuration, meshes, rollouts
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.scenes.build import build
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE
 from iphyre_jax.scenes.schema import Scene
-
-LANES = 128  # worlds a chunk: their state stays in the cache of a core
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -37,10 +37,12 @@ class Program:
     advance: Callable[[World, Timing, npt.NDArray[np.int32], rollouts.Progress, np.int32], rollouts.Progress]
 
 
-_LOCKS: dict[tuple[Topology, str], Lock] = {}
-_PROGRAMS: dict[tuple[Topology, str], Program] = {}
-# By the identity of a `World` that `built` keeps, and its topology.
-_STARTS: dict[tuple[int, Topology], tuple[World, rollouts.Progress]] = {}
+Kind = tuple[Topology, str, Mesh | None]  # what is compiled anew
+
+_LOCKS: dict[Kind, Lock] = {}
+_PROGRAMS: dict[Kind, Program] = {}
+# By the identity of a `World` that `built` keeps.
+_STARTS: dict[tuple[int, Kind], tuple[World, rollouts.Progress]] = {}
 
 
 @cache
@@ -49,21 +51,24 @@ def built(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
     return build(scene, resets=resets, dtype=dtype)
 
 
-def _program(topology: Topology, dtype: str, world: World, timing: Timing, plan: npt.NDArray[np.int32]) -> Program:
-    """Return the program of a topology, compiled when first asked for; different ones compile side by side."""
-    key = topology, dtype
-    with _LOCKS.setdefault(key, Lock()):
-        if key not in _PROGRAMS:
-            begin = jax.jit(partial(rollouts.begin, topology)).lower(world, np.zeros(LANES, bool))
-            advance = jax.jit(partial(rollouts.advance, topology))
-            compiled = advance.lower(world, timing, plan, begin.out_info, np.int32(0)).compile()
-            _PROGRAMS[key] = Program(begin.compile(), compiled)
-        return _PROGRAMS[key]
+def _program(kind: Kind, world: World, timing: Timing, plan: npt.NDArray[np.int32]) -> Program:
+    """Return the program of a kind, compiled when first asked for; different ones compile side by side."""
+    topology, _, mesh = kind
+    with _LOCKS.setdefault(kind, Lock()):
+        if kind not in _PROGRAMS:
+            begin, advance = partial(rollouts.begin, topology), partial(rollouts.advance, topology)
+            over = np.zeros(plan.shape[1], bool)
+            start = jax.eval_shape(begin, world, over)
+            _PROGRAMS[kind] = Program(
+                meshes.compiled(begin, mesh, world, over),
+                meshes.compiled(advance, mesh, world, timing, plan, start, np.int32(0), shared=(1, 4)),
+            )
+        return _PROGRAMS[kind]
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Up to LANES worlds of one topology, in any mixture of its scenes."""
+    """Worlds of one topology, in any mixture of its scenes; at most as many as there are lanes."""
 
     topology: Topology
     worlds: tuple[World, ...]  # numbers of the scenes
@@ -71,46 +76,48 @@ class Chunk:
     plan: npt.NDArray[np.int32]  # (used, S)
     rows: npt.NDArray[np.integer[Any]]  # (used,) the caller's rows
 
+    def filled(self, lanes: int) -> npt.NDArray[np.integer[Any]]:
+        """Which of the worlds each lane plays, (lanes,); unused lanes repeat the last one."""
+        return np.minimum(np.arange(lanes), len(self.which) - 1)
 
-def _lanes(chunk: Chunk) -> npt.NDArray[np.integer[Any]]:
-    """Return which of the chunk's worlds each lane plays; unused lanes repeat the last one."""
-    return np.minimum(np.arange(LANES), len(chunk.which) - 1)
 
-
-def _worlds(chunk: Chunk) -> World:
+def _worlds(chunk: Chunk, lanes: int) -> World:
     """Return the numbers of the chunk's worlds with lanes behind."""
-    which = chunk.which[_lanes(chunk)]
+    which = chunk.which[chunk.filled(lanes)]
     return jax.tree.map(lambda *leaves: np.stack(leaves, -1)[..., which], *chunk.worlds)
 
 
-def _plans(chunk: Chunk) -> npt.NDArray[np.int32]:
+def _plans(chunk: Chunk, lanes: int) -> npt.NDArray[np.int32]:
     """Return the chunk's plans with lanes behind."""
-    plan = np.full((MAX_ELIMINABLE, LANES), -1, np.int32)
-    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, _lanes(chunk)]
+    plan = np.full((MAX_ELIMINABLE, lanes), -1, np.int32)
+    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, chunk.filled(lanes)]
     return plan
 
 
 def _start(
-    chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str
+    chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str, mesh: Mesh | None
 ) -> tuple[Program, World, rollouts.Progress]:
     """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
-    key = id(chunk.worlds[chunk.which[0]]), chunk.topology
-    whole = len(chunk.which) == LANES and bool(np.all(chunk.which == chunk.which[0]))
+    kind, lanes = (chunk.topology, dtype, mesh), plan.shape[1]
+    key = id(chunk.worlds[chunk.which[0]]), kind
+    whole = len(chunk.which) == lanes and bool(np.all(chunk.which == chunk.which[0]))
     if whole and key in _STARTS:
-        return _PROGRAMS[chunk.topology, dtype], *_STARTS[key]
-    world = jax.device_put(_worlds(chunk))
-    program = _program(chunk.topology, dtype, world, timing, plan)
-    progress = program.begin(world, np.arange(LANES) >= len(chunk.which))
+        return _PROGRAMS[kind], *_STARTS[key]
+    world = meshes.put(_worlds(chunk, lanes), mesh)
+    program = _program(kind, world, timing, plan)
+    progress = program.begin(world, np.arange(lanes) >= len(chunk.which))
     if whole:
         _STARTS[key] = world, progress
     return program, world, progress
 
 
-def play(chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int]) -> Iterator[rollouts.Outcome]:
+def play(
+    chunk: Chunk, timing: Timing, dtype: str, stops: Iterable[int], share: meshes.Share
+) -> Iterator[rollouts.Outcome]:
     """Play a chunk and yield its outcome so far, as NumPy arrays, at each of the step counts `stops`."""
     with jax.enable_x64(dtype == "float64"):
-        plan = _plans(chunk)
-        program, world, progress = _start(chunk, timing, plan, dtype)
+        plan = _plans(chunk, share.lanes)
+        program, world, progress = _start(chunk, timing, plan, dtype, share.mesh)
         for stop in stops:
             if stop:
                 progress = program.advance(world, timing, plan, progress, np.int32(stop))

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from jax.sharding import Mesh
 
 from iphyre_jax import programs
+from iphyre_jax.meshes import Share, agree, gather, share_of
 from iphyre_jax.physics.broadphase import Counters
 from iphyre_jax.reward import episode_reward
 from iphyre_jax.rollouts import FAULT_OVERFLOW
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
 from iphyre_jax.scenes.build import timing
 
 SceneLike = str | PathLike[str] | Scene
@@ -72,6 +74,7 @@ def simulate(
     dtype: str = "float32",
     sample_every: int | None = None,
     resets: int = 1,
+    mesh: Mesh | None = None,
 ) -> Simulation:
     """Play B plans of one scene.
 
@@ -88,6 +91,9 @@ def simulate(
         sample_every: steps between samples of all poses, or None for no samples.
         resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, the
             official learning environments play in 2.
+        mesh: devices that share the worlds, as of `jax.make_mesh`, whatever its axes are; results are the same bits. If
+            it spans processes (`jax.distributed`), each of them makes the same call and gets the whole result. None:
+            JAX's default device, and the threads that `configure` sets.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -96,7 +102,7 @@ def simulate(
     loaded = load_scene(scene)
     settings = _settings(fps, duration, dtype, resets, sample_every)
     plan = _plan(eliminate_at, [len(loaded.eliminable_blocks)], None)
-    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings)
+    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings, share_of(mesh))
 
 
 def simulate_many(
@@ -109,6 +115,7 @@ def simulate_many(
     dtype: str = "float32",
     sample_every: int | None = None,
     resets: int = 1,
+    mesh: Mesh | None = None,
 ) -> Simulation:
     """Play B plans of any mixture of scenes; results come in the caller's order.
 
@@ -121,6 +128,7 @@ def simulate_many(
         dtype: "float32" or "float64".
         sample_every: steps between samples.
         resets: number of the reset.
+        mesh: devices that share the worlds.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -134,7 +142,7 @@ def simulate_many(
     if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
-    return _simulate(loaded, index, plan, settings)
+    return _simulate(loaded, index, plan, settings, share_of(mesh))
 
 
 def _settings(fps: float, duration: float, dtype: str, resets: int, sample_every: int | None) -> _Settings:
@@ -181,8 +189,9 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
 
 
 def _simulate(
-    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings
+    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings, share: Share
 ) -> Simulation:
+    agree(share, [scene_to_dict(scene) for scene in scenes], which, plan, settings)
     size = len(plan)
     success = np.zeros(size, bool)
     counts = {name: np.zeros(size, np.int64) for name in ("steps", "eliminations", "fault")}
@@ -198,7 +207,7 @@ def _simulate(
 
     def play(chunk: programs.Chunk) -> None:
         moved: list[npt.NDArray[np.floating[Any]]] = []
-        for outcome in programs.play(chunk, times, settings.dtype, stops):
+        for outcome in programs.play(chunk, times, settings.dtype, stops, share):
             if samples is not None and len(moved) < samples.shape[1]:
                 moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1))
         success[chunk.rows] = outcome.success
@@ -214,7 +223,12 @@ def _simulate(
 
     left, room = np.arange(size), 1
     while left.size and room <= MAX_ROOM:
-        programs.run_all(play, _chunks(scenes, which, plan, settings, left, room))
+        chunks = _chunks(scenes, which, plan, settings, left, room, share.lanes)
+        dealt = [chunks[rank :: share.ranks] for rank in range(share.ranks)]
+        programs.run_all(play, dealt[share.rank])
+        rows = [np.concatenate([left[:0], *(chunk.rows for chunk in part)]) for part in dealt]
+        for array in (success, *counts.values(), *([] if samples is None else [samples])):
+            gather(share, rows, array)
         left, room = left[counts["fault"][left] == FAULT_OVERFLOW], 2 * room
     reward = episode_reward(success, counts["eliminations"], counts["steps"], settings.fps)
     return Simulation(success, counts["steps"], counts["eliminations"], reward, counts["fault"], samples)
@@ -227,10 +241,11 @@ def _chunks(
     settings: _Settings,
     wanted: npt.NDArray[np.integer[Any]],
     room: int,
+    lanes: int,
 ) -> list[programs.Chunk]:
     """Sort the wanted plans by topology, scene and likeness and cut them into chunks; the costliest come first.
 
-    room: how many times the contact slots of a topology there are.
+    room: how many times the contact slots of a topology there are; lanes: the most worlds of a chunk.
     """
     built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
     groups: dict[Any, list[int]] = {}
@@ -244,8 +259,8 @@ def _chunks(
         roomy = replace(topology, slots=room * topology.slots)
         local = np.searchsorted(members, which[rows])
         worlds = tuple(built[k][1] for k in members)
-        for start in range(0, len(rows), programs.LANES):
-            part = slice(start, start + programs.LANES)
+        for start in range(0, len(rows), lanes):
+            part = slice(start, start + lanes)
             chunks.append(programs.Chunk(roomy, worlds, local[part], plan[rows[part]], rows[part]))
     return chunks
 

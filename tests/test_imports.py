@@ -25,6 +25,7 @@ PARTS = (
     "private_folder",
     "compiler_options",
     "configuration",
+    "meshes",
     "programs",
     "simulation",
     "env",

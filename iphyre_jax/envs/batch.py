@@ -15,7 +15,7 @@ import numpy.typing as npt
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.features import Features, own_features
 from iphyre_jax.envs.params import EnvParams
-from iphyre_jax.envs.sorting import most_lanes
+from iphyre_jax.meshes import most_lanes
 from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import Progress
 from iphyre_jax.scenes import MAX_ELIMINABLE

@@ -22,8 +22,9 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
 from iphyre_jax.envs.rows import Rows
-from iphyre_jax.envs.sorting import most_lanes, play_slices, play_sorted
+from iphyre_jax.envs.sorting import play_slices, play_sorted
 from iphyre_jax.envs.stretches import Stretch, play_lanes, start
+from iphyre_jax.meshes import most_lanes
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import Progress
 

@@ -15,14 +15,6 @@ from iphyre_jax.rollouts import Progress
 Tree = TypeVar("Tree")
 Branch = Callable[[Stretch, Progress], Progress]
 
-LANES = 128  # worlds a chunk on a CPU: their state stays in the cache of a core
-LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once
-
-
-def most_lanes() -> int:
-    """Return how many worlds a chunk has at most."""
-    return LANES if jax.default_backend() == "cpu" else LANES_OF_DEVICE
-
 
 def play_slices(branch: Branch, lanes: int, stretch: Stretch, progress: Progress) -> Progress:
     """Play a batch of worlds of one topology, slice by slice."""
