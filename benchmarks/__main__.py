@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NoReturn, TypeVar
 
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 import iphyre_jax
-from benchmarks import deciding, plots, report, scaling, startup
+from benchmarks import deciding, growth, plots, report, scaling, startup
 from benchmarks.crew import GAME_FACTOR, Crew
 from benchmarks.engines import engines, ours
 from benchmarks.measure import compare
@@ -24,8 +25,10 @@ from iphyre_jax.configuration import usable_cores
 
 REPORT_WIDTH = 130  # columns, where the output is not a terminal
 LEAST_SECONDS = 0.3  # of a turn
+MOST_SCALING_TURNS = 3  # a quarter of a million worlds take a while
 Rate = Literal[10, 60]
 Part = Literal["mixture", "games", "startup", "scaling", "decisions"]
+Found = TypeVar("Found")
 PARTS: tuple[Part, ...] = ("mixture", "games", "startup", "scaling", "decisions")
 
 
@@ -37,8 +40,8 @@ class Options:
         quick: a few minutes: the mixture of all games at 10 fps, few plans and turns, without Jax2D; other options are
             as given, except parts, fps, turns and plans.
         games: games to measure, on their own and as the mixture; all forty if none is named.
-        parts: what to measure: all engines on the mixture, game by game, times to a first result, batch sizes,
-            decisions on the fly beside plain simulation.
+        parts: what to measure: all engines on the mixture, game by game, times to a first result,
+            what grows with batch, objects, moving bodies and steps, decisions on the fly beside plain simulation.
         fps: frame rates; each has tables of its own.
         turns: times that each engine is measured.
         plans: plans a game in the mixture, at 10 fps; slower engines play the first of them.
@@ -80,58 +83,74 @@ class Options:
         return Options(**{**vars(self), "games": tuple(games), "without": without, **changes})
 
 
-class Bar:
-    """One progress bar a part."""
+class Log:
+    """One progress bar a part, and the results so far in their file: who kills a run keeps what it has found."""
 
-    def __init__(self, progress: Progress) -> None:
-        self.progress = progress
+    def __init__(self, progress: Progress, results: Results, folder: Path) -> None:
+        self.progress, self.results, self.folder = progress, results, folder
         self.task: TaskID | None = None
 
     def start(self, name: str, total: int) -> None:
         """Begin a part."""
         self.task = self.progress.add_task(name, total=total)
 
-    def advance(self) -> None:
-        """One more is done."""
-        if self.task is not None:
-            self.progress.advance(self.task)
+    def into(self, kept: list[Found]) -> Callable[[list[Found]], None]:
+        """Return what keeps the results of a part's next piece."""
+
+        def done(found: list[Found]) -> None:
+            kept.extend(found)
+            save_json(self.results, self.folder)
+            if self.task is not None:
+                self.progress.advance(self.task)
+
+        return done
 
 
-def measure(options: Options, results: Results, bar: Bar) -> None:
-    """Measure what the options ask for, into `results`, so that an interrupted run has what it found."""
+def measure(options: Options, results: Results, log: Log) -> None:
+    """Measure what the options ask for, into `results`."""
     o = options
-    for fps in o.fps:
-        works = [o.games] if "mixture" in o.parts else []
-        works += [(game,) for game in o.games] if "games" in o.parts and len(o.games) > 1 else []
-        if works:
-            side_by_side(o, fps, works, results, bar)
+    works = [o.games] if "mixture" in o.parts else []
+    works += [(game,) for game in o.games] if "games" in o.parts and len(o.games) > 1 else []
+    if works:
+        side_by_side(o, works, results, log)
+    jobs = [[game] for game in startup.one_for_each_size() if game in o.games]
+    jobs += [list(o.games)] if len(o.games) > 1 else []
     if "startup" in o.parts:
-        jobs = [[game] for game in startup.one_for_each_size() if game in o.games]
-        jobs += [list(o.games)] if len(o.games) > 1 else []
-        bar.start("times to a first result", len(jobs))
-        results.startups += startup.startups(jobs, 1024, bar.advance)
+        log.start("times to a first result", len(jobs))
+        startup.startups(jobs, 1024, log.into(results.startups))
     if "decisions" in o.parts:
-        jobs = [[game] for game in startup.one_for_each_size() if game in o.games]
-        jobs += [list(o.games)] if len(o.games) > 1 else []
-        bar.start("decisions on the fly", len(jobs) * len(o.fps))
-        results.decisions += deciding.deciding(jobs, o.fps, o.turns, bar.advance)
+        log.start("decisions on the fly", len(jobs) * len(o.fps))
+        deciding.deciding(jobs, o.fps, o.turns, log.into(results.decisions))
     if "scaling" in o.parts:
-        results.bytes_a_world |= {
-            game: {dtype: scaling.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
+        scales(o, results, log)
+
+
+def scales(options: Options, results: Results, log: Log) -> None:
+    """Measure what grows with what, in float32."""
+    o, turns = options, min(options.turns, MOST_SCALING_TURNS)
+    results.bytes_a_world |= {
+        game: {dtype: scaling.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
+    }
+    log.start("objects, moving bodies, steps", len(growth.sizes()))
+    with Crew(ours("float32", o.cores, o.plans, "cache")) as crew:
+        growth.growth(crew, turns, o.seed, log.into(results.growths))
+    players: dict[str, tuple[int, *tuple[str, ...]]] = {
+        f"{n} thread{'s' * (n > 1)}": (n, "cache") for n in sorted({1, o.cores})
+    }
+    players[f"{o.cores} device{'s' * (o.cores > 1)}"] = o.cores, "cache", "devices"
+    log.start("batch sizes", len(o.batches))
+    with ExitStack() as stack:
+        crews = {
+            name: stack.enter_context(Crew(ours("float32", n, max(o.batches), *words)))
+            for name, (n, *words) in players.items()
         }
-        bar.start("batch sizes", len(o.batches))
-        with ExitStack() as stack:
-            numbers = sorted({1, o.cores})
-            crews = {n: stack.enter_context(Crew(ours("float32", n, max(o.batches)))) for n in numbers}
-            results.scales += scaling.scale(crews, o.games, o.batches, o.turns, o.seed, bar.advance)
+        scaling.scale(crews, o.games, o.batches, turns, o.seed, log.into(results.scales))
 
 
-def side_by_side(options: Options, fps: int, works: Sequence[tuple[str, ...]], results: Results, bar: Bar) -> None:
-    """Measure all engines at one frame rate, in turns on each work."""
+def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Results, log: Log) -> None:
+    """Measure all engines, in turns on each work, at one frame rate after the other."""
     o = options
-    chosen, problems = engines(o.cores, o.plans, fps, o.without)
-    results.problems += [problem for problem in problems if problem not in results.problems]
-    bar.start(f"engines, {fps} fps", len(works))
+    chosen, results.problems[len(results.problems) :] = engines(o.cores, o.plans, o.without)
     with ExitStack() as stack:
         crews = []
         for engine in chosen:
@@ -141,25 +160,36 @@ def side_by_side(options: Options, fps: int, works: Sequence[tuple[str, ...]], r
                 results.problems.append(f"not measured: {error}")
                 continue
             results.engines[engine.name] = {"processes": engine.processes, "versions": crews[-1].versions}
-        for games in works:
-            single = len(games) == 1
-            taking_part = [crew for crew in crews if crew.engine.per_game or not single]
-            rounds = max(crew.engine.rounds for crew in taking_part) * (GAME_FACTOR if single else 1)
-            work = make_work(games, rounds, fps, o.seed)
-            results.measurements += compare(taking_part, work, o.turns, LEAST_SECONDS)
-            bar.advance()
+        for fps in o.fps:
+            log.start(f"engines, {fps} fps", len(works))
+            for games in works:
+                taking_part = [crew for crew in crews if crew.engine.per_game or len(games) > 1]
+                rounds = max(crew.engine.rounds for crew in taking_part) * GAME_FACTOR
+                work = make_work(games, rounds, fps, o.seed)
+                log.into(results.measurements)(compare(taking_part, work, o.turns, LEAST_SECONDS))
+
+
+def save_json(results: Results, folder: Path) -> Path:
+    """Write the JSON, in one move."""
+    folder.mkdir(parents=True, exist_ok=True)
+    file, draft = folder / "benchmarks.json", folder / "benchmarks.json.draft"
+    draft.write_text(report.as_json(results), encoding="utf-8")
+    return draft.replace(file)
 
 
 def save(results: Results, folder: Path) -> list[Path]:
     """Write the JSON and the pictures; return what was written."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "benchmarks.json").write_text(report.as_json(results), encoding="utf-8")
+    file = save_json(results, folder)
     drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling.png")]
-    return [folder / "benchmarks.json", *(file for draw, file in drawn if draw(results, file))]
+    return [file, *(picture for draw, picture in drawn if draw(results, picture))]
+
+
+def _interrupt(*_: Any) -> NoReturn:  # noqa: ANN401 - whatever a signal brings
+    raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print and save; 0 if all went well, 2 for bad options, 1 if a measurement fails, 130 after Ctrl-C."""
+    """Measure, print and save; 0 if all went well, 2 for bad options, 1 if a measurement fails, 130 if ended."""
     options = tyro.cli(Options, args=arguments, prog="python -m benchmarks")
     console = Console(width=None if sys.stdout.isatty() else REPORT_WIDTH)
     try:
@@ -171,9 +201,10 @@ def main(arguments: list[str] | None = None) -> int:
     results = Results(around, report.disturbance(around))
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     code = 0
+    signal.signal(signal.SIGTERM, _interrupt)  # so that workers end and what was found is shown
     with Progress(*columns, console=console) as progress:
         try:
-            measure(options, results, Bar(progress))
+            measure(options, results, Log(progress, results, options.out))
         except RuntimeError as error:
             results.problems.append(str(error))
             code = 1

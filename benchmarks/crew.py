@@ -21,6 +21,7 @@ ROOT = Path(__file__).parent.parent
 
 
 GAME_FACTOR = 4  # a turn on one game should not be too short to be timed
+STEPS = 150  # of an episode at 10 fps
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Engine:
         name: its name in the tables.
         command: interpreter and module of a worker.
         processes: number of workers; the work is shared among them.
-        rounds: plans a game at most; slow engines play the first few, which is as good a sample of steps a second. Of a
-            single game it plays GAME_FACTOR times as many.
+        rounds: plans a game at most, at 10 fps; slow engines play the first few, which is as good a sample of steps a
+            second. Of a single game it plays GAME_FACTOR times as many.
         per_game: also measured game by game, not only on the mixture.
     """
 
@@ -41,6 +42,26 @@ class Engine:
     processes: int
     rounds: int
     per_game: bool = True
+
+    def rounds_of(self, work: Work) -> int:
+        """Plans a game of a work; fewer where an episode has more steps, but one for each process."""
+        factor = GAME_FACTOR if len(work.games) == 1 else 1
+        return factor * max(self.processes, self.rounds * STEPS // max(STEPS, work.steps))
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One play of a work, as a mean of a turn's plays.
+
+    Attributes:
+        seconds: by the clock.
+        processor_seconds: of all workers together.
+        memory: bytes, the most that any worker has held since it started.
+    """
+
+    seconds: float
+    processor_seconds: float
+    memory: int
 
 
 @dataclass(eq=False)
@@ -109,21 +130,21 @@ class Crew:
             merged[name] = values.tolist()
         return Played(**merged), max(answer["seconds"] for answer in answers)
 
-    def turn(self, repeats: int) -> float:
-        """Play the work so many times; return the seconds from each start to its slowest worker's end, summed."""
-        seconds = 0.0
+    def turn(self, repeats: int) -> Turn:
+        """Play the work so many times, each from the start to the slowest worker's end."""
+        seconds, answers = 0.0, []
         for _ in range(repeats):
             self._all("ready")
             begin = time.perf_counter()
-            self._all("play")
+            answers += self._all("play")
             seconds += time.perf_counter() - begin
-        return seconds
+        processor = sum(answer["processor_seconds"] for answer in answers)
+        return Turn(seconds / repeats, processor / repeats, max(answer["memory"] for answer in answers))
 
-    def _all(self, word: str) -> None:
+    def _all(self, word: str) -> list[dict[str, Any]]:
         for worker in self._busy:
             self._send(worker, {"do": word})
-        for worker in self._busy:
-            self._answer(worker)
+        return [self._answer(worker) for worker in self._busy]
 
     def _send(self, worker: subprocess.Popen[str], message: dict[str, Any]) -> None:
         pipe = cast(IO[str], worker.stdin)

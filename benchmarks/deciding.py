@@ -46,14 +46,13 @@ class Deciding:
 
 
 def deciding(
-    works: Sequence[Sequence[str]], fps: Sequence[int], turns: int, done: Callable[[], None]
-) -> list[Deciding]:
-    """Measure each work, the games of one process, at each frame rate.
+    works: Sequence[Sequence[str]], fps: Sequence[int], turns: int, done: Callable[[list[Deciding]], None]
+) -> None:
+    """Measure each work, the games of one process, at each frame rate; `done` is called with what was found.
 
     Raises:
         RuntimeError: a process ends without a result; one line.
     """
-    found = []
     for games in works:
         worlds = 128 * max(len(games), 10)  # full chunks, and several of them for the threads
         for rate in fps:
@@ -64,6 +63,4 @@ def deciding(
             if ran.returncode:
                 raise RuntimeError(f"decisions in {', '.join(games)}: the process ended with {ran.returncode}")
             told = json.loads(ran.stdout.splitlines()[-1])
-            found.append(Deciding(games[0] if len(games) == 1 else MIXED, rate, worlds, **told))
-            done()
-    return found
+            done([Deciding(games[0] if len(games) == 1 else MIXED, rate, worlds, **told)])

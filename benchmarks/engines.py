@@ -17,25 +17,23 @@ JAX2D = "Jax2D"
 PARTS = ("official", "jax2d")  # engines that need an environment of their own
 
 
-def ours(dtype: str, threads: int, rounds: int) -> Engine:
-    """This project, in one process."""
-    command = sys.executable, "-m", "benchmarks.workers.ours", dtype, str(threads)
+def ours(dtype: str, cores: int, rounds: int, *options: str) -> Engine:
+    """This project, in one process; options: words of its worker."""
+    command = sys.executable, "-m", "benchmarks.workers.ours", dtype, str(cores), *options
     return Engine(f"iphyre_jax {dtype}", command, 1, rounds)
 
 
-def engines(cores: int, rounds: int, fps: int, without: Sequence[str]) -> tuple[list[Engine], list[str]]:
+def engines(cores: int, rounds: int, without: Sequence[str]) -> tuple[list[Engine], list[str]]:
     """Return the engines with their numbers of plans, and one line for each that cannot be had.
 
     Args:
         cores: processes or threads that each engine gets.
         rounds: plans a game of ours at 10 fps; the others get as many as keep a turn of theirs short.
-        fps: physics steps a second; at a higher rate an episode has more steps, so fewer are played.
         without: names in PARTS to leave out.
     """
-    fewer = max(1, fps // 10)
 
     def share(part: int) -> int:
-        return max(cores, rounds // part // fewer)  # each process plays at least one round
+        return max(cores, rounds // part)
 
     def pymunk(name: str, mode: str) -> Engine:
         return Engine(name, (sys.executable, "-m", "benchmarks.workers.bare_pymunk", mode), cores, share(16))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from benchmarks.crew import GAME_FACTOR, Crew
+from benchmarks.crew import Crew, Turn
 from benchmarks.work import Work
 from benchmarks.workers.protocol import Played
 
@@ -30,6 +30,8 @@ class Measurement:
             play.
         first_seconds: the first play of the work, with all that is compiled for it.
         seconds: of one play, for each turn.
+        processor_seconds: of all its processes, likewise.
+        memory: bytes, the most that any of its processes has held so far.
     """
 
     engine: str
@@ -42,6 +44,8 @@ class Measurement:
     same_steps: float
     first_seconds: float
     seconds: tuple[float, ...]
+    processor_seconds: tuple[float, ...]
+    memory: int
 
     @property
     def rates(self) -> list[float]:
@@ -52,6 +56,11 @@ class Measurement:
     def rate(self) -> float:
         """Median of the steps a second."""
         return median(self.rates)
+
+    @property
+    def step_cost(self) -> float:
+        """Median of the processor seconds a step."""
+        return median(self.processor_seconds) / self.steps
 
     @property
     def compile_seconds(self) -> float:
@@ -68,24 +77,24 @@ def compare(crews: Sequence[Crew], work: Work, turns: int, least_seconds: float)
         turns: how often each crew plays.
         least_seconds: a crew that is quicker plays several times a turn, so that a turn can be timed.
     """
-    factor = GAME_FACTOR if len(work.games) == 1 else len(work.games)
-    works = [work.first(crew.engine.rounds * factor) for crew in crews]
+    works = [work.first(crew.engine.rounds_of(work) * len(work.games)) for crew in crews]
     loaded = [crew.load(part) for crew, part in zip(crews, works, strict=True)]
-    # A turn's length is not known from the first play, which compiles: one more play tells.
-    repeats = [max(1, min(MOST_REPEATS, math.ceil(least_seconds / crew.turn(1)))) for crew in crews]
-    seconds: list[list[float]] = [[] for _ in crews]
-    for _ in range(turns):
-        for crew, times, found in zip(crews, repeats, seconds, strict=True):
-            found.append(crew.turn(times) / times)
+    # A turn's length is not known from the first play, which compiles: one more play tells. It is a turn itself if it
+    # was long enough.
+    trials = [crew.turn(1) for crew in crews]
+    repeats = [max(1, min(MOST_REPEATS, math.ceil(least_seconds / trial.seconds))) for trial in trials]
+    rounds = [trials] if max(repeats) == 1 else []
+    while len(rounds) < turns:
+        rounds.append([crew.turn(times) for crew, times in zip(crews, repeats, strict=True)])
     reference = loaded[0][0]
     return [
-        _measurement(crew.engine.name, part, played, first, reference, tuple(found))
-        for crew, part, (played, first), found in zip(crews, works, loaded, seconds, strict=True)
+        _measurement(crew.engine.name, part, played, first, reference, found)
+        for crew, part, (played, first), *found in zip(crews, works, loaded, *rounds, strict=True)
     ]
 
 
 def _measurement(
-    engine: str, work: Work, played: Played, first: float, reference: Played, seconds: tuple[float, ...]
+    engine: str, work: Work, played: Played, first: float, reference: Played, turns: Sequence[Turn]
 ) -> Measurement:
     both = list(zip(played.steps, reference.steps, strict=False))
     return Measurement(
@@ -98,7 +107,9 @@ def _measurement(
         reward=sum(played.reward) / len(played.reward),
         same_steps=sum(a == b for a, b in both) / len(both),
         first_seconds=first,
-        seconds=seconds,
+        seconds=tuple(turn.seconds for turn in turns),
+        processor_seconds=tuple(turn.processor_seconds for turn in turns),
+        memory=max(turn.memory for turn in turns),
     )
 
 

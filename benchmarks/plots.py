@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from benchmarks.work import MIXED
 
 GREY, BLUE, LIGHT = "0.6", "tab:blue", "tab:cyan"
 COLOURS = {FLOAT32: BLUE, FLOAT64: LIGHT}
+COLUMNS = 3  # of panels
 RESOLUTION = 150  # dots an inch
 
 
@@ -43,24 +45,38 @@ def _bars(axes: Axes, results: Results, fps: int) -> None:
 def scaling(results: Results, file: Path) -> bool:
     """Draw speed against the batch, and each game's against its moving bodies; False if there is neither."""
     panels = [_batches] if results.scales else []
+    panels += [partial(_growth, what=what) for what in dict.fromkeys(one.what for one in results.growths)]
     panels += [_games] if any(one.work != MIXED for one in results.measurements) else []
     if not panels:
         return False
-    figure = Figure(figsize=(5.5 * len(panels), 4.2), layout="constrained")
-    for axes, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+    rows = -(-len(panels) // COLUMNS)
+    columns = min(COLUMNS, len(panels))
+    figure = Figure(figsize=(5.2 * columns, 4 * rows), layout="constrained")
+    places = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, draw in zip(places, panels, strict=False):
         draw(axes, results)
         axes.legend()
+    for axes in places[len(panels) :]:
+        axes.remove()
     figure.suptitle(_machine(results))
     figure.savefig(file, dpi=RESOLUTION)
     return True
 
 
 def _batches(axes: Axes, results: Results) -> None:
-    for threads in dict.fromkeys(one.threads for one in results.scales):
-        found = [one for one in results.scales if one.threads == threads]
+    for players in dict.fromkeys(one.players for one in results.scales):
+        found = [one for one in results.scales if one.players == players]
         rates = [one.measured.rate for one in found]
-        axes.plot([one.batch for one in found], rates, marker="o", label=f"{threads} thread{'s' * (threads > 1)}")
+        axes.plot([one.batch for one in found], rates, marker="o", label=players)
     axes.set(xscale="log", xlabel="worlds in a call", ylabel="steps a second", title="Games mixed, 10 fps, float32")
+    axes.set_ylim(bottom=0)
+
+
+def _growth(axes: Axes, results: Results, what: str) -> None:
+    found = [one for one in results.growths if one.what == what]
+    costs = [1e9 * one.measured.step_cost for one in found]
+    axes.plot([one.size for one in found], costs, marker="o", color=BLUE, label="processor ns a step")
+    axes.set(xscale="log" if what == "steps" else "linear", xlabel=what, title="Balls at rest on bars, float32")
     axes.set_ylim(bottom=0)
 
 

@@ -18,6 +18,7 @@ from rich.table import Table
 import iphyre_jax
 from benchmarks.deciding import Deciding
 from benchmarks.engines import STEPPING
+from benchmarks.growth import Growth
 from benchmarks.measure import Measurement, ratio
 from benchmarks.scaling import Scale
 from benchmarks.startup import Startup
@@ -25,7 +26,7 @@ from benchmarks.work import MIXED
 from iphyre_jax.configuration import usable_cores
 from iphyre_jax.train.provenance import source_commit
 
-SCHEMA = 1  # of the JSON file
+SCHEMA = 2  # of the JSON file
 QUIET = 0.5  # load below which the machine counts as idle
 
 
@@ -39,7 +40,8 @@ class Results:
         engines: what each engine is made of.
         measurements: engines on works.
         startups: times to a first result.
-        scales: speed by batch and threads.
+        growths: speed by objects, moving bodies and steps.
+        scales: speed by batch and players.
         bytes_a_world: carried state by game and type.
         decisions: decisions on the fly beside plain simulation.
     """
@@ -49,6 +51,7 @@ class Results:
     engines: dict[str, dict[str, Any]] = field(default_factory=dict)
     measurements: list[Measurement] = field(default_factory=list)
     startups: list[Startup] = field(default_factory=list)
+    growths: list[Growth] = field(default_factory=list)
     scales: list[Scale] = field(default_factory=list)
     bytes_a_world: dict[str, dict[str, int]] = field(default_factory=dict)
     decisions: list[Deciding] = field(default_factory=list)
@@ -107,7 +110,8 @@ def as_json(results: Results) -> str:
         "engines": results.engines,
         "measurements": [_row(one) for one in results.measurements],
         "startups": [asdict(one) for one in results.startups],
-        "scales": [{"batch": one.batch, "threads": one.threads, **_row(one.measured)} for one in results.scales],
+        "growths": [{"what": one.what, "size": one.size, **_row(one.measured)} for one in results.growths],
+        "scales": [{"batch": one.batch, "players": one.players, **_row(one.measured)} for one in results.scales],
         "bytes_a_world": results.bytes_a_world,
         "decisions": [asdict(one) for one in results.decisions],
     }
@@ -128,13 +132,14 @@ def show(results: Results, console: Console) -> None:
             console.print(game_table(results, games, fps))
     if results.startups:
         console.print(startup_table(results.startups))
+    if results.growths:
+        console.print(growth_table(results.growths))
     if results.scales:
         console.print(scaling_table(results.scales))
+    if results.bytes_a_world:
+        console.print(bytes_table(results.bytes_a_world))
     for fps in dict.fromkeys(one.fps for one in results.decisions):
         console.print(deciding_table([one for one in results.decisions if one.fps == fps], fps))
-    if sizes := results.bytes_a_world:
-        game, most = max(((game, by["float32"]) for game, by in sizes.items()), key=lambda pair: pair[1])
-        console.print(f"carried state a world in float32: at most {most} bytes ({game})")
     for problem in results.problems:
         console.print(problem, highlight=False)
 
@@ -189,14 +194,43 @@ def startup_table(startups: Sequence[Startup]) -> Table:
     return made
 
 
+def growth_table(growths: Sequence[Growth]) -> Table:
+    """What a step costs as scenes and episodes grow."""
+    made = table(
+        "Balls at rest on fixed bars, 10 fps, float32", "grows", "size", "million steps a second", "CPU ns a step"
+    )
+    for one in growths:
+        made.add_row(one.what, str(one.size), millions(one.measured.rate), f"{1e9 * one.measured.step_cost:.3g}")
+    return made
+
+
 def scaling_table(scales: Sequence[Scale]) -> Table:
-    """Million steps a second by batch and threads."""
-    threads = list(dict.fromkeys(one.threads for one in scales))
-    heads = [f"{n} thread{'s' * (n > 1)}" for n in threads]
-    made = table("Games mixed, 10 fps, float32: million steps a second", "batch", *heads)
+    """Million steps a second by batch and players, beside the first player, and the last one's memory."""
+    first, *others = dict.fromkeys(one.players for one in scales)
+    heads = [head for name in others for head in (name, f"x {first}")]
+    made = table("Games mixed, 10 fps, float32: million steps a second", "batch", first, *heads, "CPU ns a step", "MB")
     for batch in dict.fromkeys(one.batch for one in scales):
-        rates = {one.threads: one.measured.rate for one in scales if one.batch == batch}
-        made.add_row(str(batch), *(millions(rates[n]) for n in threads))
+        by = {one.players: one.measured for one in scales if one.batch == batch}
+        cells = [cell for n in others for cell in (millions(by[n].rate), f"{ratio(by[n], by[first]):.2f}")]
+        last = by[(first, *others)[-1]]
+        made.add_row(
+            str(batch), millions(by[first].rate), *cells, f"{1e9 * last.step_cost:.3g}", f"{last.memory / 1e6:.0f}"
+        )
+    return made
+
+
+def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
+    """Bytes that a world carries from step to step; games of one layout together."""
+    made = table("Carried state, bytes a world", "float32", "float64", "moving", "objects", "games")
+    layouts: dict[tuple[int, int, int], list[str]] = {}
+    for game, by in sizes.items():
+        moving = int(iphyre_jax.load_scene(game).dynamic.sum())
+        layouts.setdefault((by["float32"], by["float64"], moving), []).append(game)
+    for (single, double, moving), games in sorted(layouts.items()):
+        objects = [iphyre_jax.load_scene(game).n_objects for game in games]
+        span = f"{min(objects)} - {max(objects)}" if min(objects) < max(objects) else str(objects[0])
+        made.add_row(str(single), str(double), str(moving), span, ", ".join(games))
+    made.columns[-1].justify = "left"
     return made
 
 

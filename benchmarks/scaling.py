@@ -22,40 +22,37 @@ class Scale:
 
     Attributes:
         batch: worlds.
-        threads: threads that play them.
+        players: who plays them: "1 thread", "2 threads", "2 devices".
         measured: what came out.
     """
 
     batch: int
-    threads: int
+    players: str
     measured: Measurement
 
 
 def scale(
-    crews: dict[int, Crew],
+    crews: dict[str, Crew],
     games: Sequence[str],
     batches: Sequence[int],
     turns: int,
     seed: int,
-    done: Callable[[], None],
-) -> list[Scale]:
-    """Measure the mixture of some games at several batch sizes, the numbers of threads in turns.
+    done: Callable[[list[Scale]], None],
+) -> None:
+    """Measure the mixture of some games at several batch sizes, the crews in turns.
 
     Args:
-        crews: number of threads -> workers.
+        crews: players -> workers.
         games: names.
         batches: worlds.
         turns: how often each is measured.
         seed: of the plans.
-        done: called after each batch.
+        done: called with what was found for each batch.
     """
-    found = []
     whole = make_work(games, -(-max(batches) // len(games)), 10, seed)
-    for batch in batches:
+    for batch in sorted(batches):  # a worker tells the most memory that it has held so far
         measured = compare(list(crews.values()), whole.first(batch), turns, least_seconds=0.2)
-        found += [Scale(batch, threads, one) for threads, one in zip(crews, measured, strict=True)]
-        done()
-    return found
+        done([Scale(batch, players, one) for players, one in zip(crews, measured, strict=True)])
 
 
 def carried_bytes(game: str, dtype: str) -> int:

@@ -41,22 +41,19 @@ def one_for_each_size() -> list[str]:
     return [next(game for game in sizes if sizes[game] == size) for size in sorted(set(sizes.values()))]
 
 
-def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[], None]) -> list[Startup]:
+def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Startup]], None]) -> None:
     """Measure each job, the games of one process, in fresh processes.
 
     Args:
         jobs: names of games, those of each process.
         batch: worlds.
-        done: called after each job.
+        done: called with what was found for each job.
     """
-    found = []
     for games in jobs:
         with tempfile.TemporaryDirectory() as folder:
             empty, warm = (_seconds(os.path.join(folder, "cache"), batch, games) for _ in range(2))  # noqa: PTH118
         moving = max(int(iphyre_jax.load_scene(game).dynamic.sum()) for game in games)
-        found.append(Startup(games[0] if len(games) == 1 else MIXED, moving, batch, empty, warm))
-        done()
-    return found
+        done([Startup(games[0] if len(games) == 1 else MIXED, moving, batch, empty, warm)])
 
 
 def _seconds(cache: str, batch: int, games: Sequence[str]) -> float:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 import iphyre_jax
 from benchmarks.workers.protocol import Job
-from iphyre_jax.scenes import MAX_ELIMINABLE, scene_to_dict
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, scene_to_dict
+from iphyre_jax.simulation import SceneLike
 from parity.plans import random_plans
 
-DURATION = 15  # s: 150 steps at 10 fps, 900 at 60
+DURATION = 15.0  # s: 150 steps at 10 fps, 900 at 60
 MIXED = "mixed"
 
 
@@ -27,20 +28,22 @@ class Work:
 
     Attributes:
         name: a game, or "mixed".
-        games: names of the G games.
+        games: the G games.
         fps: physics steps a second.
         plans: (B, 6) step before which each eliminable block goes, -1 for never.
+        duration: s of an episode.
     """
 
     name: str
-    games: tuple[str, ...]
+    games: tuple[Scene, ...]
     fps: int
     plans: NDArray[np.int32]
+    duration: float = DURATION
 
     @property
     def steps(self) -> int:
         """The most steps of an episode."""
-        return DURATION * self.fps
+        return round(self.duration * self.fps)
 
     def first(self, rows: int) -> Work:
         """The first so many rows."""
@@ -53,23 +56,25 @@ class Work:
 
     def job(self, rows: NDArray[np.intp]) -> dict[str, Any]:
         """Some rows as the message that a worker understands."""
-        scenes = [scene_to_dict(iphyre_jax.load_scene(game)) for game in self.games]
+        scenes = [scene_to_dict(game) for game in self.games]
         which = rows % len(self.games)
         return asdict(Job(scenes, which.tolist(), self.plans[rows].tolist(), self.fps, self.steps))
 
 
-def make_work(games: Sequence[str], rounds: int, fps: int, seed: int) -> Work:
+def make_work(games: Sequence[SceneLike], rounds: int, fps: int, seed: int, duration: float = DURATION) -> Work:
     """Draw plans as the comparison with the reference does.
 
     Args:
-        games: one name, or several for a mixture.
+        games: one name or Scene, or several for a mixture.
         rounds: plans a game; the first removes nothing.
         fps: physics steps a second.
         seed: of the plans.
+        duration: s of an episode.
     """
-    plans = np.full((rounds, len(games), MAX_ELIMINABLE), -1, np.int32)
-    for k, game in enumerate(games):
-        drawn = random_plans(iphyre_jax.load_scene(game), rounds, fps, seed)
+    scenes = tuple(iphyre_jax.load_scene(game) for game in games)
+    plans = np.full((rounds, len(scenes), MAX_ELIMINABLE), -1, np.int32)
+    for k, scene in enumerate(scenes):
+        drawn = random_plans(scene, rounds, fps, seed)
         plans[:, k, : drawn.shape[1]] = drawn
-    name = games[0] if len(games) == 1 else MIXED
-    return Work(name, tuple(games), fps, plans.reshape(-1, MAX_ELIMINABLE))
+    name = scenes[0].name if len(scenes) == 1 else MIXED
+    return Work(name, scenes, fps, plans.reshape(-1, MAX_ELIMINABLE), duration)

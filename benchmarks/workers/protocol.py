@@ -2,10 +2,13 @@
 
 import json
 import os
+import resource
 import sys
 import time
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
+
+KIB = 1024 if sys.platform != "darwin" else 1  # bytes a unit of ru_maxrss
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ def serve(player: Player) -> None:
     """Answer the driver until it closes the line.
 
     The first line tells the versions. "load" is answered with the outcome of one complete play, which leaves nothing to
-    compile, and its seconds; "ready" and "play" with an empty answer, for the driver holds the watch.
+    compile, and its seconds; "ready" with an empty answer; "play" with the processor seconds that it took and the most
+    memory that the process has ever held, for the driver holds the watch.
     """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever an engine prints must not look like an answer
@@ -91,5 +95,8 @@ def serve(player: Player) -> None:
         elif message["do"] == "ready":
             player.ready()
         else:
+            cpu = time.process_time()
             player.play()
+            most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
+            answer = {"processor_seconds": time.process_time() - cpu, "memory": most}
         print(json.dumps(answer), file=answers)

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import __main__ as command
-from benchmarks import plots, report, scaling, venvs
+from benchmarks import growth, plots, report, scaling, venvs
 from benchmarks.deciding import Deciding
 from benchmarks.engines import FLOAT32, STEPPING
 from benchmarks.measure import Measurement
@@ -19,7 +19,7 @@ from iphyre_jax import GAMES, load_scene
 
 
 def measurement(engine: str, work: str, seconds: tuple[float, ...]) -> Measurement:
-    return Measurement(engine, work, 10, 8, 1000, 0.5, 480.0, 1.0, 3.0, seconds)
+    return Measurement(engine, work, 10, 8, 1000, 0.5, 480.0, 1.0, 3.0, seconds, seconds, 1000)
 
 
 @pytest.fixture
@@ -31,17 +31,21 @@ def results() -> report.Results:
             measurement(FLOAT32, work, (0.05, 0.1, 0.06)),
         ]
     found.startups = [Startup("hole", 1, 1024, 5.0, 2.0)]
-    found.scales = [scaling.Scale(64, 2, measurement(FLOAT32, "mixed", (1.0,)))]
+    found.scales = [
+        scaling.Scale(64, players, measurement(FLOAT32, "mixed", (seconds,)))
+        for players, seconds in (("1 thread", 1.0), ("2 devices", 0.5))
+    ]
+    found.growths = [growth.Growth("objects", 3, measurement(FLOAT32, "shelf", (1.0,)))]
     turns = {"simulate": [(1.0, 2.0)] * 2, "reads": [(1.0, 2.5)] * 2, "keeps": [(4.0, 8.0)] * 2}
     found.decisions = [Deciding("hole", 10, 1280, 2_000_000, 1.0, turns)]
-    found.bytes_a_world = {"hole": {"float32": scaling.carried_bytes("hole", "float32")}}
+    found.bytes_a_world = {"hole": {dtype: scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64")}}
     return found
 
 
 def test_json_has_all_that_a_reader_needs(results: report.Results) -> None:
     document = json.loads(report.as_json(results))
     assert {"schema", "machine", "versions", "commit", "options", "problems", "engines"} <= document.keys()
-    assert {"measurements", "startups", "scales", "bytes_a_world", "decisions"} <= document.keys()
+    assert {"measurements", "startups", "growths", "scales", "bytes_a_world", "decisions"} <= document.keys()
     assert {"processor", "cores", "system", "load"} == document["machine"].keys()
     first = document["measurements"][0]
     assert first["steps_per_second"] == pytest.approx({"median": 2000.0, "low": 1000 / 0.6, "high": 2500.0})
@@ -58,7 +62,8 @@ def test_tables_tell_ratios_turn_by_turn(results: report.Results) -> None:
     decided = next(line for line in shown.splitlines() if line.split()[:2] == ["hole", "2"])
     assert decided.split()[2:8] == ["2", "1.00", "0.80", "0.5", "0.25", "0.25"]
     assert "Jax2D is not measured: no network" in shown
-    assert "carried state a world in float32: at most" in shown
+    assert ["64", "0.001", "0.002", "2.00", "5e+05", "0"] in [line.split() for line in shown.splitlines()]
+    assert ["objects", "3", "0.001", "1e+06"] in [line.split() for line in shown.splitlines()]
 
 
 def test_a_busy_machine_is_told() -> None:
@@ -78,6 +83,18 @@ def test_state_is_counted_in_bytes() -> None:
     single, double = (scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64"))
     assert 0 < single < double < 2 * single
     assert single < scaling.carried_bytes("multi_ball_stack", "float32")
+
+
+def test_every_game_carries_at_most_2_kb_a_world_in_float32() -> None:
+    assert {game: size for game in GAMES if (size := scaling.carried_bytes(game, "float32")) > 2048} == {}
+
+
+def test_what_grows_grows_alone() -> None:
+    rows = growth.sizes()
+    assert [scene.n_objects for what, _, scene, _ in rows if what == "objects"] == list(range(3, 13))
+    assert [int(scene.dynamic.sum()) for what, _, scene, _ in rows if what == "moving bodies"] == list(range(1, 7))
+    assert [round(seconds * growth.FPS) for what, _, _, seconds in rows if what == "steps"] == list(growth.STEPS)
+    assert {int(scene.dynamic.sum()) for what, _, scene, _ in rows if what != "moving bodies"} == {1}
 
 
 def test_one_game_stands_for_each_number_of_moving_bodies() -> None:
