@@ -134,15 +134,14 @@ def scales(options: Options, results: Results, log: Log) -> None:
     log.start("objects, moving bodies, steps", len(growth.sizes()))
     with Crew(ours("float32", o.cores, o.plans, "cache")) as crew:
         growth.growth(crew, turns, o.seed, log.into(results.growths))
-    players: dict[str, tuple[int, *tuple[str, ...]]] = {
-        f"{n} thread{'s' * (n > 1)}": (n, "cache") for n in sorted({1, o.cores})
-    }
-    players[f"{o.cores} device{'s' * (o.cores > 1)}"] = o.cores, "cache", "devices"
+    players = [(n, "thread") for n in sorted({1, o.cores})] + [(o.cores, "device")]
     log.start("batch sizes", len(o.batches))
     with ExitStack() as stack:
         crews = {
-            name: stack.enter_context(Crew(ours("float32", n, max(o.batches), *words)))
-            for name, (n, *words) in players.items()
+            f"{n} {what}{'s' * (n > 1)}": stack.enter_context(
+                Crew(ours("float32", n, max(o.batches), "cache", f"{what}s"))
+            )
+            for n, what in players
         }
         scaling.scale(crews, o.games, o.batches, turns, o.seed, log.into(results.scales))
 
@@ -150,7 +149,8 @@ def scales(options: Options, results: Results, log: Log) -> None:
 def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Results, log: Log) -> None:
     """Measure all engines, in turns on each work, at one frame rate after the other."""
     o = options
-    chosen, results.problems[len(results.problems) :] = engines(o.cores, o.plans, o.without)
+    chosen, problems = engines(o.cores, o.plans, o.without)
+    results.problems += problems
     with ExitStack() as stack:
         crews = []
         for engine in chosen:
@@ -164,8 +164,8 @@ def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Re
             log.start(f"engines, {fps} fps", len(works))
             for games in works:
                 taking_part = [crew for crew in crews if crew.engine.per_game or len(games) > 1]
-                rounds = max(crew.engine.rounds for crew in taking_part) * GAME_FACTOR
-                work = make_work(games, rounds, fps, o.seed)
+                rounds = max(crew.engine.rounds for crew in taking_part)
+                work = make_work(games, rounds * (GAME_FACTOR if len(games) == 1 else 1), fps, o.seed)
                 log.into(results.measurements)(compare(taking_part, work, o.turns, LEAST_SECONDS))
 
 

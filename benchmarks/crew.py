@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.work import Work
 from benchmarks.workers.protocol import Played
+from iphyre_jax.configuration import CACHE_VARIABLE
 
 ROOT = Path(__file__).parent.parent
 
@@ -79,7 +80,7 @@ class Crew:
             RuntimeError: one of them ended before its first word; one line.
         """
         self._errors = tempfile.TemporaryFile("w+")  # a file, not a pipe, which would stop a talkative worker
-        around = {k: v for k, v in os.environ.items() if not k.startswith("IPHYRE_JAX_")}
+        around = {k: v for k, v in os.environ.items() if not k.startswith("IPHYRE_JAX_") or k == CACHE_VARIABLE}
         around |= {"PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu", "SDL_VIDEODRIVER": "dummy"}
         around |= {"PYGAME_HIDE_SUPPORT_PROMPT": "1", "PYTHONWARNINGS": "ignore"}
         for _ in range(self.engine.processes):

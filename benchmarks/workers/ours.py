@@ -1,7 +1,7 @@
 """This project in a worker: ``python -m benchmarks.workers.ours DTYPE CORES [OPTION...]``.
 
-Options: "devices" plays on a mesh of so many devices instead of so many threads; "cache" keeps compiled programs in the
-user's folder, where nobody asks what compilation costs.
+Options: "devices" plays on a mesh of so many devices instead of so many "threads"; "cache" keeps compiled programs in
+the user's folder, where nobody asks what compilation costs.
 """
 
 import os

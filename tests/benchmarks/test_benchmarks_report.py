@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from rich.progress import Progress
 
 from benchmarks import __main__ as command
 from benchmarks import growth, plots, report, scaling, venvs
@@ -126,3 +127,12 @@ def test_an_environment_that_cannot_be_made_is_told_in_one_line(
     monkeypatch.setattr(venvs.sys, "executable", str(tmp_path / "python"))
     with pytest.raises(RuntimeError, match=r"^no environment for jax2d: [^\n]*$"):
         venvs.python_of("jax2d")
+
+
+def test_what_a_killed_run_has_found_is_on_the_disk(results: report.Results, tmp_path: Path) -> None:
+    log = command.Log(Progress(disable=True), results, tmp_path)
+    log.start("a part", 2)
+    done = log.into(results.startups)
+    for count, work in ((2, "fill"), (3, "mixed")):
+        done([Startup(work, 2, 1024, 6.0, 3.0)])
+        assert len(json.loads((tmp_path / "benchmarks.json").read_text())["startups"]) == count
