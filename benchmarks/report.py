@@ -188,9 +188,10 @@ def game_table(results: Results, games: Sequence[str], fps: int) -> Table:
 def startup_table(startups: Sequence[Startup]) -> Table:
     """Seconds from the start of a process to its first result."""
     title = f"Seconds from process start to the first result, float32, {startups[0].batch} worlds"
-    made = table(title, "games", "moving", "empty cache", "warm cache")
+    made = table(title, "games", "moving", "empty cache", "CPU s", "warm cache", "CPU s")
     for one in startups:
-        made.add_row(one.work, str(one.moving), f"{one.empty:.1f}", f"{one.warm:.1f}")
+        pairs = zip((one.empty, one.warm), one.processor, strict=True)
+        made.add_row(one.work, str(one.moving), *(f"{seconds:.1f}" for pair in pairs for seconds in pair))
     return made
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -26,6 +27,7 @@ class Startup:
         batch: worlds.
         empty: s, with an empty cache: compilation and the trial of the compiler options included.
         warm: s, in a second process.
+        processor: processor seconds of either, which say more on a busy machine.
     """
 
     work: str
@@ -33,6 +35,7 @@ class Startup:
     batch: int
     empty: float
     warm: float
+    processor: tuple[float, float]
 
 
 def one_for_each_size() -> list[str]:
@@ -51,19 +54,26 @@ def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Sta
     """
     for games in jobs:
         with tempfile.TemporaryDirectory() as folder:
-            empty, warm = (_seconds(os.path.join(folder, "cache"), batch, games) for _ in range(2))  # noqa: PTH118
+            cache = os.path.join(folder, "cache")  # noqa: PTH118
+            (empty, warm), processor = zip(*(_seconds(cache, batch, games) for _ in range(2)), strict=True)
         moving = max(int(iphyre_jax.load_scene(game).dynamic.sum()) for game in games)
-        done([Startup(games[0] if len(games) == 1 else MIXED, moving, batch, empty, warm)])
+        done([Startup(games[0] if len(games) == 1 else MIXED, moving, batch, empty, warm, processor)])
 
 
-def _seconds(cache: str, batch: int, games: Sequence[str]) -> float:
-    """Run one process until it has told its result."""
+def _seconds(cache: str, batch: int, games: Sequence[str]) -> tuple[float, float]:
+    """Run one process until it has told its result; return seconds by the clock and of the processor."""
     around = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
     command = [sys.executable, "-m", "benchmarks.workers.first_result", cache, str(batch), *games]
-    begin = time.perf_counter()
+    begin, used = time.perf_counter(), _used()
     with subprocess.Popen(command, env=around, text=True, stdout=subprocess.PIPE) as process:  # noqa: S603
         answered = cast(IO[str], process.stdout).readline()
         seconds = time.perf_counter() - begin
     if not answered:
         raise RuntimeError(f"no first result of {', '.join(games)}: the process ended with {process.returncode}")
-    return seconds
+    return seconds, _used() - used
+
+
+def _used() -> float:
+    """Processor seconds of all processes that have ended under this one."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime

@@ -31,7 +31,7 @@ def results() -> report.Results:
             measurement(STEPPING, work, (0.5, 0.4, 0.6)),
             measurement(FLOAT32, work, (0.05, 0.1, 0.06)),
         ]
-    found.startups = [Startup("hole", 1, 1024, 5.0, 2.0)]
+    found.startups = [Startup("hole", 1, 1024, 5.0, 2.0, (6.0, 2.5))]
     found.scales = [
         scaling.Scale(64, players, measurement(FLOAT32, "mixed", (seconds,)))
         for players, seconds in (("1 thread", 1.0), ("2 devices", 0.5))
@@ -134,5 +134,5 @@ def test_what_a_killed_run_has_found_is_on_the_disk(results: report.Results, tmp
     log.start("a part", 2)
     done = log.into(results.startups)
     for count, work in ((2, "fill"), (3, "mixed")):
-        done([Startup(work, 2, 1024, 6.0, 3.0)])
+        done([Startup(work, 2, 1024, 6.0, 3.0, (7.0, 3.5))])
         assert len(json.loads((tmp_path / "benchmarks.json").read_text())["startups"]) == count
