@@ -66,7 +66,7 @@ def configure(
 
     Args:
         devices: threads that play chunks of worlds, and CPU devices that JAX shows (for `simulate(..., mesh=...)`). By
-            one thread for each core this process may use, and JAX's own number of devices.
+            default one thread for each core this process may use, and JAX's own number of devices.
         cache: folder in which compiled programs are kept between processes, made with mode 0700; False for none. By
             default the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's
             cache folder (XDG_CACHE_HOME or ~/.cache), unless JAX has been given a cache folder already.
