@@ -61,14 +61,11 @@ def share_of(mesh: Mesh | None) -> Share:
     if not isinstance(mesh, Mesh):
         raise ValueError(f"mesh: expected a jax.sharding.Mesh, as of jax.make_mesh, or None, got {mesh!r}")
     processes = {device.process_index for device in mesh.devices.flat}
-    own = Mesh(np.array([d for d in mesh.devices.flat if d.process_index == jax.process_index()]), AXIS)
-    if processes == {jax.process_index()}:
-        return Share(own)
-    if processes != set(range(jax.process_count())):
-        raise ValueError(
-            f"mesh: expected devices of this process alone or of all {jax.process_count()}, got {sorted(processes)}"
-        )
-    return Share(own, jax.process_index(), jax.process_count())
+    rank, ranks = jax.process_index(), jax.process_count()
+    if processes not in ({rank}, set(range(ranks))):
+        raise ValueError(f"mesh: expected devices of this process alone or of all {ranks}, got {sorted(processes)}")
+    own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == rank]), AXIS)
+    return Share(own) if processes == {rank} else Share(own, rank, ranks)
 
 
 def _lanes_apart(tree: Any) -> Any:  # noqa: ANN401 - any tree of arrays
