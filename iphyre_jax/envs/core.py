@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, Features, motion, official_rows, standing
+from iphyre_jax.envs.features import Features, motion, motion_size, official_rows, rows_size, standing
 from iphyre_jax.envs.mixture import Mixture
-from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, row
+from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, make_params, row
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
@@ -26,8 +26,9 @@ from iphyre_jax.envs.stretches import Stretch
 from iphyre_jax.physics.types import World
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.rollouts import Outcome, Progress
-from iphyre_jax.scenes import MAX_ELIMINABLE
+from iphyre_jax.scenes import Limits, load_scenes
 from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes.limits import OFFICIAL
 
 ObservationName = Literal["official", "motion", "image"]
 Info = dict[str, Any]
@@ -49,6 +50,7 @@ class Environment:
             velocities and time, Markov but for the solver's cached impulses; "image", (size, size, 3) uint8.
         image_size: px, side of an image; 0 without images.
         autoreset: whether an episode that has ended is followed by a new one in the same step.
+        limits: of its scenes, the official ones or larger: rows of an observation, slots of the strategy.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Environment:
     observation: ObservationName = "official"
     image_size: int = 0
     autoreset: bool = True
+    limits: Limits = OFFICIAL
 
     def params(self, scenes: tuple[SceneLike, ...] | list[SceneLike]) -> EnvParams:
         """Return parameters of other games of the same topologies.
@@ -71,7 +74,7 @@ class Environment:
             ValueError: no scenes, a bad one, or one of another topology; one line.
             OSError: a scene file cannot be read.
         """
-        return make_params(load_scenes(scenes), self.mixture, self.protocol, self.dtype)
+        return make_params(load_scenes(scenes, self.limits), self.mixture, self.protocol, self.dtype)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -98,7 +101,7 @@ class Environment:
             As `reset`.
         """
         self.check_dtype()
-        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(MAX_ELIMINABLE, bool))
+        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(self.strategy.slots, bool))
         return self.observe(state, params), state
 
     def step(
@@ -198,9 +201,10 @@ class Environment:
         del params
         if self.observation == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), "uint8")
-        size = ROWS_SIZE + 2 * (MAX_ELIMINABLE + self.strategy.no_op_candidate)
+        objects = self.limits.objects
+        size = rows_size(objects) + 2 * (self.strategy.slots + self.strategy.no_op_candidate)
         if self.observation == "motion":
-            return Box(float("-inf"), float("inf"), (size + MOTION_SIZE,))
+            return Box(float("-inf"), float("inf"), (size + motion_size(objects),))
         return Box(0.0, 1.0, (size,))
 
     @property
@@ -212,7 +216,8 @@ class Environment:
     def _play(self, state: EnvState, action: jax.Array, params: EnvParams) -> tuple[EnvState, jax.Array]:
         """Play one decision; an episode that has ended stays as it is."""
         world, before = row(params.world, state.game), state.progress
-        order = self.strategy.order(action, before.state.step, state.used, standing(world, before), self.protocol)
+        blocks = standing(world, before, self.strategy.slots)
+        order = self.strategy.order(action, before.state.step, state.used, blocks, self.protocol)
         ended = self.has_ended(before)
         until = jnp.where(ended, before.state.step, order.until)
         stretch = Stretch(state.game, order.plan, until)

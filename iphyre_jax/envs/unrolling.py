@@ -174,7 +174,7 @@ def _decide(
     seen = environment.view(chunk.features, chunk.world, before)
     action, extras = jax.vmap(policy, in_axes=(0, -1), out_axes=-1)(keys, seen)
     action = environment.action_space().array(action, step.shape)
-    blocks = standing(chunk.world, before)
+    blocks = standing(chunk.world, before, environment.strategy.slots)
     order = environment.strategy.order(action, step, used, blocks, environment.protocol)
     ended = environment.has_ended(before)
     stretch = Stretch(chunk.game, order.plan, jnp.where(ended, step, order.until))

@@ -82,7 +82,8 @@ BAD: list[tuple[str, Change, str]] = [
     (
         "foreign field",
         put(1, "qqq"),
-        "'qqq': expected no such field (known are schema, version, name, block, ball, eli, dynamic, joint, spring)",
+        "'qqq': expected no such field "
+        "(known are schema, version, name, block, ball, eli, dynamic, joint, spring, limits)",
     ),
     # name
     ("no name", drop("name"), NO_NAME + "None"),
