@@ -8,16 +8,17 @@ All of them are written for one world; `jax.vmap` makes a batch of any mixture o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import Features, motion, motion_size, official_rows, rows_size, standing
-from iphyre_jax.envs.mixture import Mixture
+from iphyre_jax.envs.features import Features, motion, motion_size, official_rows, own_features, rows_size, standing
+from iphyre_jax.envs.mixture import Games, Mixture
 from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, make_params, row
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
@@ -39,6 +40,8 @@ Tree = TypeVar("Tree")
 class Environment:
     """A strategy over games of some topologies; hashable, hence static under `jax.jit`.
 
+    Two that differ in their names alone are equal, and what is compiled for one serves the other.
+
     Attributes:
         name: its id, if it has one.
         games: names of its games, in the order of the parameters that `make` returns with it.
@@ -53,8 +56,8 @@ class Environment:
         limits: of its scenes, the official ones or larger: rows of an observation, slots of the strategy.
     """
 
-    name: str
-    games: tuple[str, ...]
+    name: str = field(compare=False)
+    games: tuple[str, ...] = field(compare=False)
     strategy: Strategy
     protocol: Protocol
     mixture: Mixture
@@ -75,6 +78,22 @@ class Environment:
             OSError: a scene file cannot be read.
         """
         return make_params(load_scenes(scenes, self.limits), self.mixture, self.protocol, self.dtype)
+
+    def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
+        """Return the environment and parameters of one game, with the same spaces; nothing else is compiled (host).
+
+        Args:
+            params: the games.
+            game: row of the parameters.
+        """
+        kind = int(params.table.kind[game])
+        topology, of = self.mixture.topologies[kind], self.mixture.only(kind)
+        with jax.enable_x64(self.dtype == "float64"):
+            world, start, features = row((params.world, params.start, params.features), jnp.int32(game))
+            own = of.world.cut(world), of.progress.cut(start), own_features(features, topology)
+            world, start, features = jax.tree.map(lambda leaf: leaf[None], own)
+            table = Games(world, jnp.zeros(1, jnp.int32))
+        return replace(self, games=(self.games[game],), mixture=of), EnvParams(table, start, features)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
