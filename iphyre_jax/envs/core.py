@@ -89,9 +89,10 @@ class Environment:
         kind = int(params.table.kind[game])
         topology, of = self.mixture.topologies[kind], self.mixture.only(kind)
         with jax.enable_x64(self.dtype == "float64"):
-            world, start, features = row((params.world, params.start, params.features), jnp.int32(game))
+            tables = params.world, params.start, params.features
+            world, start, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
             own = of.world.cut(world), of.progress.cut(start), own_features(features, topology)
-            world, start, features = jax.tree.map(lambda leaf: leaf[None], own)
+            world, start, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
             table = Games(world, jnp.zeros(1, jnp.int32))
         return replace(self, games=(self.games[game],), mixture=of), EnvParams(table, start, features)
 

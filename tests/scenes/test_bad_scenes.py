@@ -242,7 +242,7 @@ BAD_FILES: list[tuple[str, bytes, str]] = [
     (
         "a list",
         b"[]",
-        "expected an object with the fields schema, version, name, block, ball, eli, dynamic, joint, spring,"
+        "expected an object with the fields schema, version, name, block, ball, eli, dynamic, joint, spring, limits,"
         " got a list of 0",
     ),
 ]
