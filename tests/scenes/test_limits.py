@@ -33,6 +33,7 @@ from iphyre_jax.scenes import (
     write_scene,
 )
 from iphyre_jax.scenes.limits import MAX_MOVING, MOST_OBJECTS, OFFICIAL
+from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, play_from_json
 from parity.play import Task, compare_scenes
 from parity.reference import run as run_reference
@@ -169,6 +170,11 @@ def test_a_large_scene_is_decided_on(strategy: str) -> None:
     plan = np.arange(1, 9, dtype=np.int32)
     reference = run_reference(large(), plan, fps=10, steps=150, resets=2)
     assert (bool(info["success"]), round(float(info["time"]) * 10)) == (reference.success, reference.steps)
+
+
+def test_agents_are_made_for_official_limits(path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^games: expected scenes without limits of their own.* got .*stair\.json'$"):
+        TrainConfig(games=(str(path),)).check()
 
 
 def test_a_large_scene_is_seen_and_drawn(path: Path) -> None:
