@@ -94,7 +94,7 @@ class Environment:
             own = of.world.cut(world), of.progress.cut(start), own_features(features, topology)
             world, start, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
             table = Games(world, jnp.zeros(1, jnp.int32))
-        return replace(self, games=(self.games[game],), mixture=of), EnvParams(table, start, features)
+        return replace(self, games=self.games[game : game + 1], mixture=of), EnvParams(table, start, features)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
