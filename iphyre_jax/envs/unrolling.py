@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.envs import records
-from iphyre_jax.envs.batch import Batch, Chunk, gathered, joined
+from iphyre_jax.envs.batch import Batch, Chunk, joined
 from iphyre_jax.envs.core import Environment, Info
 from iphyre_jax.envs.features import standing
 from iphyre_jax.envs.stretches import Stretch, play_lanes
@@ -96,7 +96,7 @@ def unroll(
         each = [(replace(chunk, worlds=0), chunk_key) for chunk, chunk_key in alike]
         many = jax.lax.map(lambda job: play(*job), jax.tree.map(lambda *leaves: jnp.stack(leaves), *each))
         played += [jax.tree.map(lambda leaf: leaf[k], many) for k in range(len(each))]  # noqa: B023  # used at once
-    return _joined(batch, played, joined)
+    return _joined(batch, played)
 
 
 def unroll_on_threads(
@@ -118,7 +118,7 @@ def unroll_on_threads(
         return _run(environment, policy, decisions, weights, *job)
 
     jobs = zip(batch.chunks, jax.random.split(key, len(batch.chunks)), strict=True)
-    return _joined(batch, run_all(play, jobs), gathered)
+    return _joined(batch, run_all(play, jobs))
 
 
 _LOCKS: dict[tuple[object, ...], Lock] = {}
@@ -137,13 +137,11 @@ def _check(decisions: int) -> None:
         raise ValueError(f"decisions: expected a whole number of at least 1, got {decisions!r}")
 
 
-def _joined(
-    batch: Batch, played: Sequence[tuple[_Now, Steps]], join: Callable[[Sequence[Steps], tuple[int, ...], int], Steps]
-) -> tuple[Batch, Steps]:
+def _joined(batch: Batch, played: Sequence[tuple[_Now, Steps]]) -> tuple[Batch, Steps]:
     """Return the batch with its chunks as they are now, and the steps of all worlds."""
     pairs = zip(batch.chunks, played, strict=True)
     chunks = [replace(chunk, progress=progress, used=used) for chunk, ((progress, used), _) in pairs]
-    return Batch(tuple(chunks)), join([steps for _, steps in played], batch.sizes, 1)
+    return Batch(tuple(chunks)), joined([steps for _, steps in played], batch.sizes, 1)
 
 
 def _play(

@@ -49,7 +49,7 @@ def test_the_vector_environment_is_its_single_ones(strategy: str, games: str) ->
     own = [env.reset(seed=5 + k) for k, env in enumerate(singles)]
     np.testing.assert_array_equal(seen, [one[0] for one in own])
     ended = 0
-    for _ in range(60):
+    for _ in range(160 if ALL else 60):
         actions = _random_actions(rng, strategy, count)
         seen, rewards, terminated, truncated, infos = vector.step(actions)
         for k, env in enumerate(singles):
