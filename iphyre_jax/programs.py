@@ -37,8 +37,8 @@ class Program:
     advance: Callable[[World, Timing, npt.NDArray[np.int32], rollouts.Progress, np.int32], rollouts.Progress]
 
 
-_LOCKS: dict[tuple[Topology, str], Lock] = {}
-_PROGRAMS: dict[tuple[Topology, str], Program] = {}
+_LOCKS: dict[tuple[Topology, str, int], Lock] = {}  # the number counts the columns of a plan
+_PROGRAMS: dict[tuple[Topology, str, int], Program] = {}
 # By the identity of a `World` that `built` keeps, and its topology.
 _STARTS: dict[tuple[int, Topology], tuple[World, rollouts.Progress]] = {}
 
@@ -51,7 +51,7 @@ def built(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
 
 def _program(topology: Topology, dtype: str, world: World, timing: Timing, plan: npt.NDArray[np.int32]) -> Program:
     """Return the program of a topology, compiled when first asked for; different ones compile side by side."""
-    key = topology, dtype
+    key = topology, dtype, len(plan)
     with _LOCKS.setdefault(key, Lock()):
         if key not in _PROGRAMS:
             begin = jax.jit(partial(rollouts.begin, topology)).lower(world, np.zeros(LANES, bool))
@@ -85,7 +85,7 @@ def _worlds(chunk: Chunk) -> World:
 
 def _plans(chunk: Chunk) -> npt.NDArray[np.int32]:
     """Return the chunk's plans with lanes behind."""
-    plan = np.full((MAX_ELIMINABLE, LANES), -1, np.int32)
+    plan = np.full((max(MAX_ELIMINABLE, chunk.plan.shape[1]), LANES), -1, np.int32)
     plan[: chunk.plan.shape[1]] = chunk.plan.T[:, _lanes(chunk)]
     return plan
 
@@ -97,7 +97,7 @@ def _start(
     key = id(chunk.worlds[chunk.which[0]]), chunk.topology
     whole = len(chunk.which) == LANES and bool(np.all(chunk.which == chunk.which[0]))
     if whole and key in _STARTS:
-        return _PROGRAMS[chunk.topology, dtype], *_STARTS[key]
+        return _program(chunk.topology, dtype, _STARTS[key][0], timing, plan), *_STARTS[key]
     world = jax.device_put(_worlds(chunk))
     program = _program(chunk.topology, dtype, world, timing, plan)
     progress = program.begin(world, np.arange(LANES) >= len(chunk.which))
