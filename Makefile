@@ -30,8 +30,8 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
 
-test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment, which takes long
-	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py
+test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py tests/envs/test_gymnasium.py
 
 fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number types
 	IPHYRE_JAX_FUZZ=10000 $(PY) -m pytest -s tests/scenes/test_fuzz.py

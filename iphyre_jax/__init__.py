@@ -24,6 +24,7 @@ __all__ = [
     "EnvParams",
     "EnvState",
     "Environment",
+    "Limits",
     "Scene",
     "SceneBuilder",
     "Scores",
@@ -46,6 +47,7 @@ __all__ = [
 _HOME = {
     "GAMES": "scenes",
     "SPLITS": "scenes",
+    "Limits": "scenes",
     "Scene": "scenes",
     "SceneBuilder": "scenes",
     "load_scene": "scenes",

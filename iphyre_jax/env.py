@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from iphyre_jax.observe import start_observation
 from iphyre_jax.plans import NEVER, TIME_LIMIT, plan_to_steps
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scenes
 from iphyre_jax.simulation import simulate_many
 
 SceneLike = str | PathLike[str] | Scene
@@ -48,27 +48,17 @@ class Episodes:
         return ~self.success
 
 
-def load_scenes(scenes: Sequence[SceneLike]) -> tuple[Scene, ...]:
-    """Load names, files and scenes, at least one of them.
-
-    Raises:
-        ValueError: one line, for an empty sequence or whatever `load_scene` refuses.
-    """
-    if isinstance(scenes, str | Scene) or not len(scenes):
-        raise ValueError("scenes: expected a sequence of at least one game, file or Scene")
-    return tuple(load_scene(scene) for scene in scenes)
-
-
 def observation_table(scenes: Sequence[SceneLike]) -> npt.NDArray[np.float32]:
-    """(S, 120) float32: what the agent sees at the start of each of S scenes."""
+    """(S, 120) float32, more if a scene's limits are larger: what the agent sees at the start of each of S scenes."""
     return np.stack([start_observation(scene) for scene in load_scenes(scenes)])
 
 
-def action_to_times(actions: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
+def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.NDArray[np.floating[Any]]:
     """Seconds (B, 6) of the official actions: 15 x a, in the type of the actions.
 
     Args:
         actions: (B, 6) float32 or float64 in [0, 1]; column s is the time of slot s as a share of 15 s.
+        slots: 6, or more if a scene's limits are larger.
 
     Raises:
         ValueError: one line, for another shape or type, a NaN or a value outside [0, 1].
@@ -76,8 +66,8 @@ def action_to_times(actions: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
     checked = np.asarray(actions)
     if checked.dtype not in (np.float32, np.float64):
         raise ValueError(f"actions: expected float32 or float64, got dtype {checked.dtype}")
-    if checked.ndim != 2 or checked.shape[1] != MAX_ELIMINABLE:
-        raise ValueError(f"actions: expected shape (B, {MAX_ELIMINABLE}), got {checked.shape}")
+    if checked.ndim != 2 or checked.shape[1] != slots:
+        raise ValueError(f"actions: expected shape (B, {slots}), got {checked.shape}")
     inside = (checked >= 0) & (checked <= 1)  # False for NaN
     if not inside.all():
         row, column = np.argwhere(~inside)[0]
@@ -110,7 +100,8 @@ def play(
         ValueError: one line naming the argument and what was expected.
     """
     loaded = load_scenes(scenes)
-    times = action_to_times(actions)
+    slots = loaded[0].limits.blocks
+    times = action_to_times(actions, slots)
     index = np.asarray(which)
     if index.dtype.kind not in "iu" or index.shape != times.shape[:1]:
         raise ValueError(
@@ -120,7 +111,7 @@ def play(
         raise ValueError(f"which: expected numbers from 0 to {len(loaded) - 1}, got {index.min()} to {index.max()}")
     blocks = np.array([len(scene.eliminable_blocks) for scene in loaded])[index]
     steps = plan_to_steps(times, fps, "in_advance")
-    steps = np.where(np.arange(MAX_ELIMINABLE) < blocks[:, None], steps, NEVER)
+    steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)
     played = simulate_many(loaded, index, steps, fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
     return Episodes(
         reward=played.reward,

@@ -3,8 +3,8 @@
 Twelve rows, one per object in list order (blocks, then balls), of nine columns
 x1, y1, x2, y2, radius, eliminable, dynamic, joint, spring; rows of removed and missing objects are
 zero and the others do not move up. Behind them the centres of the eliminable blocks at the start,
-six pairs x, y, never updated. Source: `IPHYRE.get_all_property` and `IPHYRE_inadvance.process` of
-the official package 0.2.3.
+six pairs x, y, never updated. A scene of larger `Limits` has more rows and pairs.
+Source: `IPHYRE.get_all_property` and `IPHYRE_inadvance.process` of the official package 0.2.3.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = Any  # a NumPy or a JAX array; the functions below work on either
 
 @dataclass(frozen=True, eq=False)
 class SceneFeatures:
-    """What an observation needs of a scene and no step changes, padded to 12 objects."""
+    """What an observation needs of a scene and no step changes, padded to its limits, officially 12 and 6."""
 
     position: npt.NDArray[np.float64]  # (12, 2) px, centres at the start
     ends: npt.NDArray[np.float64]  # (12, 2, 2) px, end points minus centre at angle 0; zero for balls
@@ -44,9 +44,10 @@ class SceneFeatures:
 def scene_features(scene: Scene) -> SceneFeatures:
     """Collect the unchanging part of a scene's observations (host, NumPy)."""
     n_blocks, n_objects = scene.n_blocks, scene.n_objects
-    position = np.zeros((MAX_OBJECTS, 2))
-    ends = np.zeros((MAX_OBJECTS, 2, 2))
-    constants = np.zeros((MAX_OBJECTS, 3))
+    places = scene.limits.objects
+    position = np.zeros((places, 2))
+    ends = np.zeros((places, 2, 2))
+    constants = np.zeros((places, 3))
     position[:n_blocks] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
     position[n_blocks:n_objects] = scene.balls[:, :2]
     ends[:n_blocks] = scene.blocks - position[:n_blocks, None]
@@ -54,23 +55,23 @@ def scene_features(scene: Scene) -> SceneFeatures:
     constants[n_blocks:n_objects, 0] = scene.balls[:, 2]
     constants[:n_objects, 1] = scene.eliminable
     constants[:n_objects, 2] = scene.dynamic
-    candidates = np.zeros((MAX_ELIMINABLE, 2), np.float32)
+    candidates = np.zeros((scene.limits.blocks, 2), np.float32)
     eliminable = list(scene.eliminable_blocks)
     candidates[: len(eliminable)] = position[eliminable].astype(np.float32) / np.float32(SCREEN)
     return SceneFeatures(
         position=position,
         ends=ends,
         constants=constants,
-        present=np.arange(MAX_OBJECTS) < n_objects,
-        joints=_membership(scene.joints),
-        springs=_membership(scene.springs),
+        present=np.arange(places) < n_objects,
+        joints=_membership(scene.joints, places),
+        springs=_membership(scene.springs, places),
         candidates=candidates,
     )
 
 
-def _membership(pairs: Sequence[tuple[int, int]]) -> npt.NDArray[np.bool_]:
+def _membership(pairs: Sequence[tuple[int, int]], places: int) -> npt.NDArray[np.bool_]:
     """(P, 12) bool, True where an object belongs to a pair."""
-    member = np.zeros((len(pairs), MAX_OBJECTS), bool)
+    member = np.zeros((len(pairs), places), bool)
     for row, pair in enumerate(pairs):
         member[row, list(pair)] = True
     return member
@@ -95,7 +96,7 @@ def object_rows(features: SceneFeatures, position: Array, angle: Array, alive: A
     x = position[:, 0][:, None] + ends[:, :, 0] * cos - ends[:, :, 1] * sin
     y = position[:, 1][:, None] + ends[:, :, 0] * sin + ends[:, :, 1] * cos
     columns = [
-        xp.stack([x, y], axis=-1).reshape(MAX_OBJECTS, 4),
+        xp.stack([x, y], axis=-1).reshape(-1, 4),
         xp.asarray(features.constants, position.dtype),
         _pair_number(features.joints, there, xp).astype(position.dtype)[:, None],
         _pair_number(features.springs, there, xp).astype(position.dtype)[:, None],
@@ -107,7 +108,7 @@ def object_rows(features: SceneFeatures, position: Array, angle: Array, alive: A
 def _pair_number(member: npt.NDArray[np.bool_], there: Array, xp: ModuleType) -> Array:
     """(12,) number of the last remaining pair an object belongs to; a pair ends with either of its objects."""
     if not len(member):
-        return xp.zeros(MAX_OBJECTS, np.int32)
+        return xp.zeros(there.shape, np.int32)
     remains = ~(member & ~there[None, :]).any(axis=1)
     number = xp.cumsum(remains.astype(np.int32))[:, None]
     return xp.where(member & remains[:, None], number, xp.zeros_like(number)).max(axis=0)
@@ -129,14 +130,14 @@ def observation(features: SceneFeatures, position: Array, angle: Array, alive: A
 def start_observation(scene: Scene) -> npt.NDArray[np.float32]:
     """The (120,) float32 observation of a scene before its first step."""
     features = scene_features(scene)
-    seen = observation(features, features.position, np.zeros(MAX_OBJECTS), features.present)
+    seen = observation(features, features.position, np.zeros(len(features.present)), features.present)
     return np.asarray(seen, np.float32)
 
 
-def candidate_mask(seen: Array) -> Array:
-    """(..., 6) bool: the slots of an observation (..., 120) that stand for a block.
+def candidate_mask(seen: Array, slots: int = MAX_ELIMINABLE) -> Array:
+    """(..., slots) bool: the slots of an observation, (..., 120) for the official six, that stand for a block.
 
     A missing slot is the pair 0, 0; no eliminable block has its centre in the corner of the screen.
     """
-    candidates = seen[..., -2 * MAX_ELIMINABLE :]
-    return candidates.reshape(*seen.shape[:-1], MAX_ELIMINABLE, 2).any(axis=-1)
+    candidates = seen[..., -2 * slots :]
+    return candidates.reshape(*seen.shape[:-1], slots, 2).any(axis=-1)

@@ -37,7 +37,7 @@ class Program:
     advance: Callable[[World, Timing, npt.NDArray[np.int32], rollouts.Progress, np.int32], rollouts.Progress]
 
 
-Kind = tuple[Topology, str, Mesh | None]  # what is compiled anew
+Kind = tuple[Topology, str, int, Mesh | None]  # what is compiled anew; the number counts the columns of a plan
 
 _LOCKS: dict[Kind, Lock] = {}
 _PROGRAMS: dict[Kind, Program] = {}
@@ -53,7 +53,7 @@ def built(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
 
 def _program(kind: Kind, world: World, timing: Timing, plan: npt.NDArray[np.int32]) -> Program:
     """Return the program of a kind, compiled when first asked for; different ones compile side by side."""
-    topology, _, mesh = kind
+    topology, *_, mesh = kind
     with _LOCKS.setdefault(kind, Lock()):
         if kind not in _PROGRAMS:
             begin, advance = partial(rollouts.begin, topology), partial(rollouts.advance, topology)
@@ -89,7 +89,7 @@ def _worlds(chunk: Chunk, lanes: int) -> World:
 
 def _plans(chunk: Chunk, lanes: int) -> npt.NDArray[np.int32]:
     """Return the chunk's plans with lanes behind."""
-    plan = np.full((MAX_ELIMINABLE, lanes), -1, np.int32)
+    plan = np.full((max(MAX_ELIMINABLE, chunk.plan.shape[1]), lanes), -1, np.int32)
     plan[: chunk.plan.shape[1]] = chunk.plan.T[:, chunk.filled(lanes)]
     return plan
 
@@ -98,7 +98,8 @@ def _start(
     chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str, mesh: Mesh | None
 ) -> tuple[Program, World, rollouts.Progress]:
     """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
-    kind, lanes = (chunk.topology, dtype, mesh), plan.shape[1]
+    columns, lanes = plan.shape
+    kind = chunk.topology, dtype, columns, mesh
     key = id(chunk.worlds[chunk.which[0]]), kind
     whole = len(chunk.which) == lanes and bool(np.all(chunk.which == chunk.which[0]))
     if whole and key in _STARTS:

@@ -10,8 +10,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from iphyre_jax.scenes import read_scene, scene_json_schema
+from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
 from iphyre_jax.scenes.geometry import remarks
+from iphyre_jax.scenes.limits import OFFICIAL
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,10 @@ class Check:
 
     files: tyro.conf.Positional[tuple[Path, ...]]
     """The files."""
+    max_objects: int | None = None
+    """Objects that a scene may have, 12 to 64; by default what the file states, or else 12."""
+    max_blocks: int | None = None
+    """Eliminable blocks that a scene may have, 6 to 64; by default what the file states, or else 6."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +54,28 @@ def run(command: SceneCommand, console: Console) -> None:
         return
     if not command.action.files:
         raise ValueError("files: expected at least one scene file")
+    limits = _limits(command.action)
     wrong = []
     for path in command.action.files:
         try:
-            _describe(path, console)
+            _describe(path, limits, console)
         except (ValueError, OSError) as error:
             wrong.append(str(error))
     if wrong:
         raise ValueError("\n".join(wrong))
 
 
-def _describe(path: Path, console: Console) -> None:
+def _limits(check: Check) -> Limits | None:
+    """Return the limits that the options set; None if they set none."""
+    if check.max_objects is None and check.max_blocks is None:
+        return None
+    objects = OFFICIAL.objects if check.max_objects is None else check.max_objects
+    return Limits(objects, OFFICIAL.blocks if check.max_blocks is None else check.max_blocks)
+
+
+def _describe(path: Path, limits: Limits | None, console: Console) -> None:
     """Print what a file holds, and what is unusual about it."""
-    scene = read_scene(path)
+    scene = read_scene(path, limits)
     moving = int(scene.dynamic[: scene.n_blocks].sum())
     parts = [
         f"{scene.n_blocks} blocks ({len(scene.eliminable_blocks)} eliminable, {moving} moving)",

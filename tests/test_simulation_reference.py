@@ -95,7 +95,7 @@ def test_six_moving_bodies_agree() -> None:
 
 
 def test_a_play_that_needs_more_slots_is_played_again() -> None:
-    """A ball in a star of six bars touches all at once; a topology of one ball has room for four points."""
+    """A ball in a star of six bars touches all at once; a topology of one ball has slots for four points."""
     angles = np.arange(6) * np.pi / 3
     star = [[[300 + r * np.cos(a), 300 + r * np.sin(a)] for r in (25, 80)] for a in angles]
     alone = [[[50.0, 550.0], [100.0, 550.0]]]

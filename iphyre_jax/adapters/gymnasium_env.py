@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import Any
 
 import gymnasium
@@ -68,6 +69,8 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = space_of(self.env.observation_space())
         self.action_space = space_of(self.env.action_space())
         self._x64 = self.env.dtype == "float64"
+        self._alone = cache(partial(self.env.alone, self.params))  # of each game, so that only what is met is compiled
+        self._game = 0  # row of the parameters
         self._state: EnvState | None = None
 
     def reset(
@@ -82,10 +85,10 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
         with jax.enable_x64(self._x64):
-            if game is None:
-                seen, self._state = self.env.reset(key, self.params)
-            else:
-                seen, self._state = self.env.reset_to(np.int32(self._row(game)), self.params)
+            drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # as the environment itself draws
+            self._game = int(drawn) if game is None else self._row(game)
+            env, params = self._alone(self._game)
+            seen, self._state = env.reset_to(np.int32(0), params)
             return np.asarray(seen), self._info(False, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
@@ -99,7 +102,8 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         checked = checked_action(self.env.action_space(), action, ())
         with jax.enable_x64(self._x64):
             key = jax.random.key(0)  # without autoreset nothing is random
-            seen, self._state, reward, terminated, truncated, _ = self.env.step(key, self._state, checked, self.params)
+            env, params = self._alone(self._game)
+            seen, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
             official = bool(terminated), bool(truncated)
             flags = gymnasium_flags(self.env, *official)
             return np.asarray(seen), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
@@ -109,7 +113,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if self.render_mode is None or self._state is None:
             return None
         with jax.enable_x64(self._x64):
-            return np.asarray(_picture(self.params, self._state))
+            return np.asarray(_picture(self._alone(self._game)[1], self._state))
 
     def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
         if self._state is None:
@@ -120,7 +124,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             "fault": int(outcome.fault),
             "eliminations": int(outcome.eliminations),
             "time": int(outcome.steps) / self.env.protocol.fps,
-            "game": int(self._state.game),
+            "game": self._game,
             "official_terminated": terminated,
             "official_truncated": truncated,
         }

@@ -14,7 +14,7 @@ from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
 from iphyre_jax.plans import TIME_LIMIT
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene, load_scene
+from iphyre_jax.scenes import Scene, load_scene
 
 Click = Sequence[float]  # x, y, t: px and s
 
@@ -41,7 +41,7 @@ class IPHYRE:
         self.FPS = fps
         self.timestep = 1 / float(fps)
         self.max_time = int(TIME_LIMIT)
-        self.max_obj_num, self.max_eli_obj_num = MAX_OBJECTS, MAX_ELIMINABLE
+        self.max_obj_num, self.max_eli_obj_num = self.scene.limits.objects, self.scene.limits.blocks
         self.step_reward, self.eli_reward, self.success_reward = -self.timestep, -10, 1000
         self.blocks, self.balls = self.scene.blocks.tolist(), self.scene.balls.tolist()
         self.num_obj, self.num_ball = self.scene.n_objects, self.scene.n_balls

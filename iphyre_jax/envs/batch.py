@@ -18,7 +18,6 @@ from iphyre_jax.envs.params import EnvParams
 from iphyre_jax.meshes import most_lanes
 from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import Progress
-from iphyre_jax.scenes import MAX_ELIMINABLE
 
 Tree = TypeVar("Tree")
 
@@ -37,7 +36,7 @@ class Chunk:
     features: Features
     start: Progress  # before the first step
     progress: Progress  # as it is
-    used: jax.Array  # (6,) bool, slots that a combined plan has executed
+    used: jax.Array  # (slots,) bool, slots that a combined plan has executed
 
 
 @jax.tree_util.register_dataclass
@@ -114,7 +113,7 @@ def _chunks(
             features=_on_device(partial(own_features, topology=mixture.topologies[kind]), features),
             start=start,
             progress=start,
-            used=jnp.zeros((MAX_ELIMINABLE, lanes), bool),
+            used=jnp.zeros((environment.strategy.slots, lanes), bool),
         )
 
 

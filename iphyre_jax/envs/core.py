@@ -8,17 +8,18 @@ All of them are written for one world; `jax.vmap` makes a batch of any mixture o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE, Features, motion, official_rows, standing
-from iphyre_jax.envs.mixture import Mixture
-from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, load_scenes, make_params, row
+from iphyre_jax.envs.features import Features, motion, motion_size, official_rows, own_features, rows_size, standing
+from iphyre_jax.envs.mixture import Games, Mixture
+from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, make_params, row
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
@@ -26,8 +27,9 @@ from iphyre_jax.envs.stretches import Stretch
 from iphyre_jax.physics.types import World
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.rollouts import Outcome, Progress
-from iphyre_jax.scenes import MAX_ELIMINABLE
+from iphyre_jax.scenes import Limits, load_scenes
 from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes.limits import OFFICIAL
 
 ObservationName = Literal["official", "motion", "image"]
 Info = dict[str, Any]
@@ -37,6 +39,8 @@ Tree = TypeVar("Tree")
 @dataclass(frozen=True)
 class Environment:
     """A strategy over games of some topologies; hashable, hence static under `jax.jit`.
+
+    Two that differ in their names alone are equal, and what is compiled for one serves the other.
 
     Attributes:
         name: its id, if it has one.
@@ -49,10 +53,11 @@ class Environment:
             velocities and time, Markov but for the solver's cached impulses; "image", (size, size, 3) uint8.
         image_size: px, side of an image; 0 without images.
         autoreset: whether an episode that has ended is followed by a new one in the same step.
+        limits: of its scenes, the official ones or larger: rows of an observation, slots of the strategy.
     """
 
-    name: str
-    games: tuple[str, ...]
+    name: str = field(compare=False)
+    games: tuple[str, ...] = field(compare=False)
     strategy: Strategy
     protocol: Protocol
     mixture: Mixture
@@ -60,6 +65,7 @@ class Environment:
     observation: ObservationName = "official"
     image_size: int = 0
     autoreset: bool = True
+    limits: Limits = OFFICIAL
 
     def params(self, scenes: tuple[SceneLike, ...] | list[SceneLike]) -> EnvParams:
         """Return parameters of other games of the same topologies.
@@ -71,7 +77,24 @@ class Environment:
             ValueError: no scenes, a bad one, or one of another topology; one line.
             OSError: a scene file cannot be read.
         """
-        return make_params(load_scenes(scenes), self.mixture, self.protocol, self.dtype)
+        return make_params(load_scenes(scenes, self.limits), self.mixture, self.protocol, self.dtype)
+
+    def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
+        """Return the environment and parameters of one game, with the same spaces; nothing else is compiled (host).
+
+        Args:
+            params: the games.
+            game: row of the parameters.
+        """
+        kind = int(params.table.kind[game])
+        topology, of = self.mixture.topologies[kind], self.mixture.only(kind)
+        with jax.enable_x64(self.dtype == "float64"):
+            tables = params.world, params.start, params.features
+            world, start, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
+            own = of.world.cut(world), of.progress.cut(start), own_features(features, topology)
+            world, start, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
+            table = Games(world, jnp.zeros(1, jnp.int32))
+        return replace(self, games=self.games[game : game + 1], mixture=of), EnvParams(table, start, features)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -98,7 +121,7 @@ class Environment:
             As `reset`.
         """
         self.check_dtype()
-        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(MAX_ELIMINABLE, bool))
+        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(self.strategy.slots, bool))
         return self.observe(state, params), state
 
     def step(
@@ -198,9 +221,10 @@ class Environment:
         del params
         if self.observation == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), "uint8")
-        size = ROWS_SIZE + 2 * (MAX_ELIMINABLE + self.strategy.no_op_candidate)
+        objects = self.limits.objects
+        size = rows_size(objects) + 2 * (self.strategy.slots + self.strategy.no_op_candidate)
         if self.observation == "motion":
-            return Box(float("-inf"), float("inf"), (size + MOTION_SIZE,))
+            return Box(float("-inf"), float("inf"), (size + motion_size(objects),))
         return Box(0.0, 1.0, (size,))
 
     @property
@@ -212,7 +236,8 @@ class Environment:
     def _play(self, state: EnvState, action: jax.Array, params: EnvParams) -> tuple[EnvState, jax.Array]:
         """Play one decision; an episode that has ended stays as it is."""
         world, before = row(params.world, state.game), state.progress
-        order = self.strategy.order(action, before.state.step, state.used, standing(world, before), self.protocol)
+        blocks = standing(world, before, self.strategy.slots)
+        order = self.strategy.order(action, before.state.step, state.used, blocks, self.protocol)
         ended = self.has_ended(before)
         until = jnp.where(ended, before.state.step, order.until)
         stretch = Stretch(state.game, order.plan, until)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from os import PathLike
+from typing import Any
 
 import jax
 import numpy as np
@@ -13,12 +14,11 @@ import numpy.typing as npt
 
 from iphyre_jax.envs.batch import Batch
 from iphyre_jax.envs.core import Environment, ObservationName
-from iphyre_jax.envs.params import SceneLike, load_scenes, make_params, mixture_of
-from iphyre_jax.envs.protocols import protocol_named
-from iphyre_jax.envs.strategies import strategy_named
-from iphyre_jax.envs.unrolling import ActingPolicy, unroll_on_threads
+from iphyre_jax.envs.params import SceneLike
+from iphyre_jax.envs.registry import environment_of
+from iphyre_jax.envs.unrolling import ActingPolicy, Steps, unroll_on_threads
 from iphyre_jax.reward import episode_reward
-from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.scenes import GAMES, SPLITS, Limits, load_scenes
 
 Policy = Callable[[jax.Array, jax.Array], jax.Array]
 """`policy(key, observation) -> action` for one world, in JAX."""
@@ -76,10 +76,11 @@ def evaluate(
     strategy: str,
     protocol: str = "official",
     observation: ObservationName = "official",
-    image_size: int = 0,
+    image_size: int | None = None,
     episodes: int = 1,
     key: jax.Array | None = None,
     dtype: str = "float32",
+    limits: Limits | None = None,
 ) -> Scores:
     """Play every game of a split and score the policy.
 
@@ -93,10 +94,11 @@ def evaluate(
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
         observation: what the policy sees, see `make`.
-        image_size: px, with observation="image".
+        image_size: px, see `make`.
         episodes: of each game, all played side by side.
         key: random key; `jax.random.key(0)` if none is given.
         dtype: of the physics; "float64" needs `jax.enable_x64(True)`.
+        limits: of the scenes, see `make`.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -105,41 +107,36 @@ def evaluate(
         raise ValueError(f"episodes: expected a whole number of at least 1, got {episodes!r}")
     if not callable(policy):
         raise ValueError(f"policy: expected a function of a key and an observation, got {policy!r}")
-    scenes = load_scenes(_games(split))
-    environment = _environment(scenes, strategy, protocol, observation, image_size, dtype)
-    params = make_params(scenes, environment.mixture, environment.protocol, dtype)
-    batch = Batch.of(environment, params, np.repeat(np.arange(len(scenes)), episodes))
-    key = jax.random.key(0) if key is None else key
-    decisions = environment.strategy.decisions
-    _, steps = unroll_on_threads(environment, _acting(policy), (), batch, key, decisions=decisions)
-    by_game = np.argsort(np.asarray(batch.game), kind="stable")
-    last = {name: np.asarray(value)[-1][by_game].reshape(len(scenes), episodes) for name, value in steps.info.items()}
-    made = np.rint(last["time"] * environment.protocol.fps).astype(np.int64)
-    return Scores(
-        games=environment.games,
-        reward=episode_reward(last["success"], last["eliminations"], made, environment.protocol.fps),
-        success=last["success"],
-        eliminations=last["eliminations"].astype(np.int64),
-        seconds=made / environment.protocol.fps,
-        fault=last["fault"].astype(np.int64),
-    )
-
-
-def _environment(
-    scenes: Sequence[Scene], strategy: str, protocol: str, observation: ObservationName, image_size: int, dtype: str
-) -> Environment:
-    """Return an environment of whole episodes."""
-    timing = protocol_named(protocol)
-    return Environment(
-        name="evaluation",
-        games=tuple(scene.name for scene in scenes),
-        strategy=strategy_named(strategy),
-        protocol=timing,
-        mixture=mixture_of(scenes, timing, dtype),
+    environment, params = environment_of(
+        "evaluation",
+        load_scenes(_games(split), limits),
+        strategy=strategy,
+        protocol=protocol,
         dtype=dtype,
         observation=observation,
         image_size=image_size,
         autoreset=False,
+    )
+    batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
+    key = jax.random.key(0) if key is None else key
+    decisions = environment.strategy.decisions
+    _, steps = unroll_on_threads(environment, _acting(policy), (), batch, key, decisions=decisions)
+    return _scores(environment, np.asarray(batch.game), steps)
+
+
+def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> Scores:
+    """Return the outcomes of whole episodes, equally many of each game; game: (B,) of each world."""
+    by_game, fps = np.argsort(game, kind="stable"), environment.protocol.fps
+    shape = len(environment.games), -1
+    last = {name: np.asarray(value)[-1][by_game].reshape(shape) for name, value in steps.info.items()}
+    made = np.rint(last["time"] * fps).astype(np.int64)
+    return Scores(
+        games=environment.games,
+        reward=episode_reward(last["success"], last["eliminations"], made, fps),
+        success=last["success"],
+        eliminations=last["eliminations"].astype(np.int64),
+        seconds=made / fps,
+        fault=last["fault"].astype(np.int64),
     )
 
 

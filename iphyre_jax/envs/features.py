@@ -19,22 +19,35 @@ import numpy as np
 
 from iphyre_jax.envs.mixture import Mixture
 from iphyre_jax.envs.protocols import FRAMES, Protocol
-from iphyre_jax.observe import LENGTH_COLUMNS, SCREEN, object_rows, scene_features
+from iphyre_jax.observe import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, scene_features
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
+from iphyre_jax.scenes import MAX_OBJECTS, Scene
 
 NOTHING = -1  # a place without an object
 
-ROWS_SIZE = MAX_OBJECTS * 9
-MOTION_SIZE = MAX_OBJECTS * 3 + 1
+
+def rows_size(objects: int) -> int:
+    """Return how many numbers `official_rows` gives."""
+    return objects * COLUMNS
+
+
+def motion_size(objects: int) -> int:
+    """Return how many numbers `motion` gives."""
+    return objects * 3 + 1
+
+
+ROWS_SIZE, MOTION_SIZE = rows_size(MAX_OBJECTS), motion_size(MAX_OBJECTS)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Features:
-    """What the observations of a scene need; n moving bodies and m moving bars in the largest scene of the mixture."""
+    """What the observations of a scene need; n moving bodies and m moving bars in the largest scene of the mixture.
+
+    12 objects and 6 slots, or as many as the limits of the scenes allow.
+    """
 
     rows: jax.Array  # (12, 9) the official table at the start, px and flags
     seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
@@ -49,7 +62,7 @@ class Features:
 def scene_tables(scene: Scene, mixture: Mixture, dtype: str) -> Features:
     """Return the features of a scene of a mixture (host, NumPy)."""
     host = scene_features(scene)
-    rows = object_rows(host, host.position, np.zeros(MAX_OBJECTS), host.present)
+    rows = object_rows(host, host.position, np.zeros(scene.limits.objects), host.present)
     scaled = rows.astype(np.float32)
     scaled[:, :LENGTH_COLUMNS] /= np.float32(SCREEN)
     movers = np.flatnonzero(scene.dynamic)
@@ -61,7 +74,7 @@ def scene_tables(scene: Scene, mixture: Mixture, dtype: str) -> Features:
         "seen": scaled.clip(0.0, 1.0),
         "mover": _padded(movers, max(topology.moving for topology in mixture.topologies)),
         "ends": ends.astype(dtype),
-        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), MAX_ELIMINABLE),
+        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
         "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in mixture.topologies)),
         "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in mixture.topologies)),
         "candidates": host.candidates,
@@ -76,7 +89,7 @@ def _padded(indices: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
 
 
 def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
-    padded = np.zeros((places, MAX_OBJECTS), bool)
+    padded = np.zeros((places, pairs.shape[1]), bool)
     padded[: len(pairs)] = pairs
     return padded
 
@@ -92,9 +105,9 @@ def own_features(features: Features, topology: Topology) -> Features:
     )
 
 
-def standing(world: World, progress: Progress) -> jax.Array:
-    """Return which slots of a plan stand for a block that is still there, (6,) bool."""
-    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(MAX_ELIMINABLE)]
+def standing(world: World, progress: Progress, slots: int) -> jax.Array:
+    """Return which slots of a plan stand for a block that is still there, (slots,) bool."""
+    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(slots)]
     return jnp.stack(here)
 
 
@@ -103,7 +116,7 @@ def object_table(features: Features, world: World, progress: Progress) -> tuple[
 
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
-    there = _there(features, standing(world, progress))
+    there = _there(features, world, progress)
     placed = jax.lax.optimization_barrier(_placed(features, progress))
     numbers = [_pair_number(member, there).astype(features.rows.dtype) for member in _members(features)]
     return _table(features, features.rows, there, placed, numbers), there
@@ -111,7 +124,7 @@ def object_table(features: Features, world: World, progress: Progress) -> tuple[
 
 def official_rows(features: Features, world: World, progress: Progress) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    there = _there(features, standing(world, progress))
+    there = _there(features, world, progress)
     # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
     screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
     placed = [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(features, progress)]
@@ -119,7 +132,7 @@ def official_rows(features: Features, world: World, progress: Progress) -> jax.A
     there = there & _is_sound(progress)[None]
     there, placed, flags = jax.lax.optimization_barrier((there, placed, flags))
     table = _table(features, features.seen, there, placed, flags)
-    return table.reshape(ROWS_SIZE, *table.shape[2:])
+    return table.reshape(-1, *table.shape[2:])
 
 
 def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Array:
@@ -128,8 +141,9 @@ def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Ar
     By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
     """
     moves, step = progress.state.motion, progress.state.step
-    index = lanes.iota(MAX_OBJECTS, step)
-    table = jnp.zeros((MAX_OBJECTS, 3, *step.shape), jnp.float32)
+    objects = features.rows.shape[0]
+    index = lanes.iota(objects, step)
+    table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
     for body in range(features.mover.shape[0]):
         speed = jnp.stack([moves.velocity.x[body] / SCREEN, moves.velocity.y[body] / SCREEN, moves.angular[body]])
         here = (index == features.mover[body][None])[:, None]
@@ -139,12 +153,13 @@ def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Ar
     return jnp.where(_is_sound(progress)[None], seen, jnp.zeros((), jnp.float32))
 
 
-def _there(features: Features, standing: jax.Array) -> jax.Array:
+def _there(features: Features, world: World, progress: Progress) -> jax.Array:
     """Return which of the twelve objects are there, (12,) bool."""
-    index = lanes.iota(MAX_OBJECTS, standing[0])
+    blocks = standing(world, progress, features.slot_object.shape[0])
+    index = lanes.iota(features.rows.shape[0], blocks[0])
     there = features.rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
-    for slot in range(MAX_ELIMINABLE):
-        there = there & ((index != features.slot_object[slot][None]) | standing[slot][None])
+    for slot in range(blocks.shape[0]):
+        there = there & ((index != features.slot_object[slot][None]) | blocks[slot][None])
     return there
 
 
@@ -183,7 +198,7 @@ def _table(
     features: Features, start: jax.Array, there: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
 ) -> jax.Array:
     """Write what has changed over the table (12, 9) of the start: places, pairs' numbers, zeros for what is gone."""
-    index = lanes.iota(MAX_OBJECTS, there[0])
+    index = lanes.iota(start.shape[0], there[0])
     column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (there.ndim - 1))
     table = start
     for body, ends in enumerate(placed):

@@ -62,6 +62,10 @@ class Mixture:
         starts = (jax.eval_shape(partial(start, topology), first[topology]) for topology in topologies)
         return cls(topologies, tuple(Rows.of(first[t]) for t in topologies), tuple(map(Rows.of, starts)))
 
+    def only(self, kind: int) -> Mixture:
+        """Return the mixture of one of the topologies."""
+        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.progresses[kind],))
+
     @property
     def world(self) -> Rows:
         """The shapes of a world filled up."""

@@ -18,7 +18,7 @@ from iphyre_jax.envs.stretches import start
 from iphyre_jax.physics.types import World
 from iphyre_jax.programs import built
 from iphyre_jax.rollouts import Progress
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import Scene
 
 SceneLike = str | PathLike[str] | Scene
 Tree = TypeVar("Tree")
@@ -51,19 +51,7 @@ class EnvState:
 
     progress: Progress  # of the physics
     game: jax.Array  # () int32, row of the parameters
-    used: jax.Array  # (6,) bool, slots that a combined plan has executed
-
-
-def load_scenes(scenes: object) -> tuple[Scene, ...]:
-    """Load names, files and scenes, at least one of them.
-
-    Raises:
-        ValueError: one line, for no sequence, an empty one or whatever `load_scene` refuses.
-        OSError: a scene file cannot be read.
-    """
-    if isinstance(scenes, str | PathLike | Scene) or not isinstance(scenes, Sequence) or not scenes:
-        raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
-    return tuple(load_scene(scene) for scene in scenes)
+    used: jax.Array  # (slots,) bool, slots that a combined plan has executed
 
 
 def mixture_of(scenes: Sequence[Scene], protocol: Protocol, dtype: str) -> Mixture:

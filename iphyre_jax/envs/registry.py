@@ -7,10 +7,10 @@ from difflib import get_close_matches
 from typing import Final, get_args
 
 from iphyre_jax.envs.core import Environment, ObservationName
-from iphyre_jax.envs.params import EnvParams, SceneLike, load_scenes, make_params, mixture_of
+from iphyre_jax.envs.params import EnvParams, SceneLike, make_params, mixture_of
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scenes
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
 
@@ -60,6 +60,7 @@ def make(
     image_size: int | None = None,
     autoreset: bool = True,
     official_bugs: bool = False,
+    limits: Limits | None = None,
 ) -> tuple[Environment, EnvParams]:
     """Return an environment and the parameters with its games.
 
@@ -74,6 +75,8 @@ def make(
         autoreset: whether `step` begins the next episode when one ends; the last observation is in
             info["final_observation"] either way.
         official_bugs: reproduce plain faults of the official code too: the 151st frame of the combined strategy.
+        limits: of all its scenes: rows of an observation and slots of an action; by default the least that allow what
+            the scenes' own do.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -84,23 +87,53 @@ def make(
         close = get_close_matches(str(id), environment_ids(), n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else 'they look like "in-advance/basic-v1"'
         raise ValueError(f"id: expected one of iphyre_jax.environment_ids(), got {id!r} ({hint})")
+    return environment_of(
+        id,
+        load_scenes(sets[games], limits),
+        strategy=strategy,
+        protocol=protocol,
+        dtype=dtype,
+        observation=observation,
+        image_size=image_size,
+        autoreset=autoreset,
+        official_bugs=official_bugs,
+    )
+
+
+def environment_of(
+    name: str,
+    scenes: Sequence[Scene],
+    *,
+    strategy: str,
+    protocol: str,
+    dtype: str,
+    observation: ObservationName,
+    image_size: int | None,
+    autoreset: bool,
+    official_bugs: bool = False,
+) -> tuple[Environment, EnvParams]:
+    """Return the environment of some scenes, all of the same limits; the rest as `make` takes it.
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
     if dtype not in _DTYPES:
         raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
     if observation not in get_args(ObservationName):
         raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
-    timing = protocol_named(protocol)
-    scenes = load_scenes(sets[games])
+    timing, limits = protocol_named(protocol), scenes[0].limits
     mixture = mixture_of(scenes, timing, dtype)
     environment = Environment(
-        name=id,
+        name=name,
         games=tuple(scene.name for scene in scenes),
-        strategy=strategy_named(strategy, official_bugs=official_bugs),
+        strategy=strategy_named(strategy, official_bugs=official_bugs, slots=limits.blocks),
         protocol=timing,
         mixture=mixture,
         dtype=dtype,
         observation=observation,
         image_size=_image_size(image_size, observation),
         autoreset=autoreset,
+        limits=limits,
     )
     return environment, make_params(scenes, mixture, timing, dtype)
 

@@ -1,15 +1,16 @@
 """The paper's three strategies: how an action becomes removals, how far it plays, and what its end is called.
 
 A strategy reads an action at the start of a frame (0.1 s) and answers with steps: before which physics step each slot's
-block goes, and up to which step to play. Slots that stand for no block, or for one that is gone, do nothing and cost
-nothing. Shapes are those of one world; lanes, further worlds, may stand behind every axis.
+block goes, and up to which step to play. There are six slots, or as many as the scenes' limits allow blocks; those that
+stand for no block, or for one that is gone, do nothing and cost nothing. Shapes are those of one world; lanes,
+further worlds, may stand behind every axis.
 Source: `IPHYRE_inadvance`, `IPHYRE_onthefly` and `IPHYRE_combine` of the official repository.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -31,9 +32,9 @@ NEVER: Final = -1
 class Order(NamedTuple):
     """What an action asks of the physics."""
 
-    plan: jax.Array  # (6,) int32, the step before which each slot's block goes, -1 for never
+    plan: jax.Array  # (slots,) int32, the step before which each slot's block goes, -1 for never
     until: jax.Array  # () int32, steps made when the next action is due
-    used: jax.Array  # (6,) bool, slots that were ever executed
+    used: jax.Array  # (slots,) bool, slots that were ever executed
 
 
 class Ending(NamedTuple):
@@ -52,12 +53,13 @@ class InAdvance:
     """
 
     name: StrategyName = "in-advance"
+    slots: int = MAX_ELIMINABLE
     decisions: int = 1
     no_op_candidate: bool = False
 
     def action_space(self) -> Space:
-        """Return the space of actions: (6,) float32 in [0, 1]."""
-        return Box(0.0, 1.0, (MAX_ELIMINABLE,))
+        """Return the space of actions: (slots,) float32 in [0, 1]."""
+        return Box(0.0, 1.0, (self.slots,))
 
     def order(
         self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
@@ -81,18 +83,19 @@ class OnTheFly:
     """
 
     name: StrategyName = "on-the-fly"
+    slots: int = MAX_ELIMINABLE
     decisions: int = FRAMES
     no_op_candidate: bool = True
 
     def action_space(self) -> Space:
-        """Return the space of actions: a whole number from 0 to 6."""
-        return Discrete(MAX_ELIMINABLE + 1)
+        """Return the space of actions: a whole number from 0 to slots."""
+        return Discrete(self.slots + 1)
 
     def order(
         self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
     ) -> Order:
         """Return what an action asks for; see `Strategy`."""
-        slot = lanes.iota(MAX_ELIMINABLE, step) + 1
+        slot = lanes.iota(self.slots, step) + 1
         plan = jnp.where(jnp.asarray(action).astype(jnp.int32)[None] == slot, step[None], NEVER)
         return Order(plan, step + protocol.steps_per_frame, used)
 
@@ -115,13 +118,18 @@ class Combined:
     """
 
     name: StrategyName = "combined"
-    decisions: int = MAX_ELIMINABLE + 1
+    slots: int = MAX_ELIMINABLE
     no_op_candidate: bool = False
     late_frame: bool = False
 
+    @property
+    def decisions(self) -> int:
+        """The most that an episode may take: each but the last removes a block."""
+        return self.slots + 1
+
     def action_space(self) -> Space:
-        """Return the space of actions: (6,) float32 in [0, 1]."""
-        return Box(0.0, 1.0, (MAX_ELIMINABLE,))
+        """Return the space of actions: (slots,) float32 in [0, 1]."""
+        return Box(0.0, 1.0, (self.slots,))
 
     def order(
         self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
@@ -143,7 +151,7 @@ class Combined:
 
 Strategy = InAdvance | OnTheFly | Combined
 """`order(action, step, used, standing, protocol)` takes the physics steps made, () int32, the slots executed so far and
-the slots whose block is still there, (6,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
+the slots whose block is still there, (slots,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
 whether the world is solved after a transition, and whether its time is over or it is no longer sound. `decisions` is
 the most that an episode may take."""
 
@@ -158,7 +166,7 @@ STRATEGIES: Final[Mapping[str, Strategy]] = MappingProxyType(
 
 
 def instants(action: jax.Array) -> jax.Array:
-    """Return the frames that an action (6,) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
+    """Return the frames that an action (slots,) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
 
     What is no number, or below 0 or above 15 s, is no frame of the episode.
     """
@@ -170,13 +178,13 @@ def instants(action: jax.Array) -> jax.Array:
 
 
 def _is_lowest(instant: jax.Array) -> jax.Array:
-    """Return which slots have no lower slot of the same time beside them, (6,) bool."""
-    index = lanes.iota(MAX_ELIMINABLE, instant[0])
+    """Return which slots have no lower slot of the same time beside them, (slots,) bool."""
+    index = lanes.iota(instant.shape[0], instant[0])
     same = instant[:, None] == instant[None]
     return ~jnp.any(same & (index[None] < index[:, None]), axis=1)
 
 
-def strategy_named(name: object, *, official_bugs: bool = False) -> Strategy:
+def strategy_named(name: object, *, official_bugs: bool = False, slots: int = MAX_ELIMINABLE) -> Strategy:
     """Return a strategy.
 
     Raises:
@@ -184,4 +192,6 @@ def strategy_named(name: object, *, official_bugs: bool = False) -> Strategy:
     """
     if not isinstance(name, str) or name not in STRATEGIES:
         raise ValueError(f"strategy: expected one of {', '.join(get_args(StrategyName))}, got {name!r}")
-    return Combined(late_frame=True) if official_bugs and name == "combined" else STRATEGIES[name]
+    if official_bugs and name == "combined":
+        return Combined(slots=slots, late_frame=True)
+    return replace(STRATEGIES[name], slots=slots)

@@ -154,8 +154,7 @@ def _play(
         own = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, count)
         return _decide(environment, partial(policy, weights), chunk, now, own)
 
-    now, steps = records.scan(decide, (chunk.progress, chunk.used), decisions)
-    return now, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 1), steps)
+    return records.scan(decide, (chunk.progress, chunk.used), decisions)
 
 
 _jitted = jax.jit(_play, static_argnums=(0, 1, 2))
@@ -174,7 +173,7 @@ def _decide(
     seen = environment.view(chunk.features, chunk.world, before)
     action, extras = jax.vmap(policy, in_axes=(0, -1), out_axes=-1)(keys, seen)
     action = environment.action_space().array(action, step.shape)
-    blocks = standing(chunk.world, before)
+    blocks = standing(chunk.world, before, environment.strategy.slots)
     order = environment.strategy.order(action, step, used, blocks, environment.protocol)
     ended = environment.has_ended(before)
     stretch = Stretch(chunk.game, order.plan, jnp.where(ended, step, order.until))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.schema import Scene
 
 
@@ -30,10 +31,11 @@ class SceneBuilder:
 
     Args:
         name: of the scene.
+        limits: how large it may be.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, limits: Limits = OFFICIAL) -> None:
+        self.name, self.limits = name, limits
         self._blocks: list[tuple[tuple[float, float], tuple[float, float], bool, bool]] = []
         self._balls: list[tuple[float, float, float]] = []
         self._joints: list[tuple[Part, Part]] = []
@@ -88,6 +90,7 @@ class SceneBuilder:
             dynamic=np.array([dynamic for _, dynamic in flags], bool),
             joints=self._pairs(self._joints),
             springs=self._pairs(self._springs),
+            limits=self.limits,
         )
 
     def _pairs(self, parts: list[tuple[Part, Part]]) -> tuple[tuple[int, int], ...]:

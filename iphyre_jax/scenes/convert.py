@@ -5,14 +5,17 @@
  "ball": [[250, 340, 20]],                                        x, y and radius of each ball, px
  "eli": [1, 1, 0],                                                one flag for each block, then for each ball
  "dynamic": [0, 0, 1],                                            the same
- "joint": [], "spring": []}                                       pairs of indices into blocks then balls; optional
+ "joint": [], "spring": [],                                       pairs of indices into blocks then balls; optional
+ "limits": {"objects": 20, "blocks": 10}}                         optional, for more than 12 objects or 6 eliminable
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from difflib import get_close_matches
 from typing import Final
 
 from iphyre_jax.scenes.forms import OPTIONAL, REQUIRED
+from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.messages import one_line, refuse, show
 from iphyre_jax.scenes.schema import Scene
 from iphyre_jax.scenes.validate import check_scene
@@ -20,15 +23,16 @@ from iphyre_jax.scenes.validate import check_scene
 SCENE_SCHEMA: Final = "iphyre_jax/scene"
 SCENE_VERSION: Final = 1
 
-_FIELDS: Final = ("schema", "version", "name", *REQUIRED, *OPTIONAL)
+_FIELDS: Final = ("schema", "version", "name", *REQUIRED, *OPTIONAL, "limits")
 
 
-def scene_from_dict(data: object, source: str = "scene") -> Scene:
+def scene_from_dict(data: object, source: str = "scene", limits: Limits | None = None) -> Scene:
     """Build a scene from the contents of a scene file.
 
     Args:
         data: the parsed JSON object; see the module's text.
         source: the file or argument that a message names.
+        limits: of the scene, in place of those that the contents state.
 
     Returns:
         The scene.
@@ -37,15 +41,16 @@ def scene_from_dict(data: object, source: str = "scene") -> Scene:
         ValueError: fields are wrong; one line for each, "source: field: expected ..., got ...".
     """
     fields = check_object(data, source, SCENE_SCHEMA, SCENE_VERSION, _FIELDS)
-    return scene_from_fields(fields, source)
+    return scene_from_fields(fields, source, limits)
 
 
-def scene_from_fields(fields: Mapping[str, object], source: str) -> Scene:
+def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits | None = None) -> Scene:
     """Build a scene from its name and geometric fields, whatever they were wrapped in.
 
     Args:
-        fields: `name`, `block`, `ball`, `eli`, `dynamic`, and `joint` and `spring` if there are any.
+        fields: `name`, `block`, `ball`, `eli`, `dynamic`, and `joint`, `spring` and `limits` if there are any.
         source: the file or argument that a message names.
+        limits: of the scene, in place of those that the contents state.
 
     Returns:
         The scene.
@@ -53,7 +58,7 @@ def scene_from_fields(fields: Mapping[str, object], source: str) -> Scene:
     Raises:
         ValueError: fields are wrong; one line for each.
     """
-    draft = check_scene(fields, source)
+    draft = check_scene(fields, source, limits=limits)
     return Scene(
         name=draft.name,
         blocks=draft.bars,  # type: ignore[arg-type]  # lists become arrays there
@@ -62,6 +67,7 @@ def scene_from_fields(fields: Mapping[str, object], source: str) -> Scene:
         dynamic=draft.dynamic,  # type: ignore[arg-type]
         joints=tuple(draft.joints),
         springs=tuple(draft.springs),
+        limits=draft.limits,
     )
 
 
@@ -72,8 +78,9 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
         scene: any scene.
 
     Returns:
-        All fields of a scene file, in its order.
+        All fields of a scene file, in its order; the limits only if they are not the official ones.
     """
+    limits = {} if scene.limits == OFFICIAL else {"limits": asdict(scene.limits)}
     return {
         "schema": SCENE_SCHEMA,
         "version": SCENE_VERSION,
@@ -84,6 +91,7 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
         "dynamic": scene.dynamic.astype(int).tolist(),
         "joint": [list(pair) for pair in scene.joints],
         "spring": [list(pair) for pair in scene.springs],
+        **limits,
     }
 
 

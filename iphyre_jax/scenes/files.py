@@ -6,18 +6,19 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from iphyre_jax.scenes.convert import scene_from_dict, scene_to_dict
-from iphyre_jax.scenes.limits import MAX_FILE_BYTES
+from iphyre_jax.scenes.limits import MAX_FILE_BYTES, Limits
 from iphyre_jax.scenes.messages import one_line, show
 from iphyre_jax.scenes.schema import Scene
 
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
-def read_scene(path: str | os.PathLike[str]) -> Scene:
+def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Scene:
     """Read and validate a scene file (see `iphyre_jax.scenes.convert` for its form).
 
     Args:
         path: the file.
+        limits: of the scene, in place of those that the file states.
 
     Returns:
         The scene.
@@ -28,7 +29,7 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         ValueError: its contents are wrong; one line for each wrong field.
     """
     source = str(path)
-    return scene_from_dict(parse_json(_read_bytes(Path(path)), source), source)
+    return scene_from_dict(parse_json(_read_bytes(Path(path)), source), source, limits)
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:

@@ -9,8 +9,8 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from iphyre_jax.scenes.limits import MAX_COORDINATE, MAX_NAME, MAX_OBJECTS
-from iphyre_jax.scenes.messages import show
+from iphyre_jax.scenes.limits import MAX_COORDINATE, MAX_NAME, OFFICIAL, Limits
+from iphyre_jax.scenes.messages import one_line, show
 
 Point = tuple[float, float]
 Bar = tuple[Point, Point]
@@ -21,7 +21,6 @@ Row = TypeVar("Row")
 REQUIRED: Final = ("block", "ball", "eli", "dynamic")
 OPTIONAL: Final = ("joint", "spring")
 
-_MAX_PAIRS: Final = MAX_OBJECTS * (MAX_OBJECTS - 1) // 2
 _LEVELS: Final = 4  # of the deepest field: bars, bar, end point, number
 
 
@@ -36,6 +35,7 @@ class Draft:
     dynamic: list[bool]  # one for each object
     joints: list[Pair]  # object indices
     springs: list[Pair]  # object indices
+    limits: Limits
 
     def centre(self, index: int) -> Point:
         """Tell where the body of an object stands, px."""
@@ -46,12 +46,13 @@ class Draft:
         return (x1 + x2) / 2, (y1 + y2) / 2
 
 
-def read_draft(raw: Mapping[str, object], labels: Mapping[str, str]) -> tuple[Draft, list[str]]:
+def read_draft(raw: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None) -> tuple[Draft, list[str]]:
     """Read every field of a scene.
 
     Args:
         raw: the name and the fields as numbers, text, lists and NumPy arrays; OPTIONAL ones may be missing.
         labels: the name to tell each field by.
+        limits: of the scene, in place of its field "limits".
 
     Returns:
         The draft, and "field: expected ..., got ..." for each wrong field. A draft with wrong fields is not to be used:
@@ -62,17 +63,21 @@ def read_draft(raw: Mapping[str, object], labels: Mapping[str, str]) -> tuple[Dr
         if key not in raw:
             reader.problems.append(f"{labels[key]}: expected this field, but it is missing")
 
-    def rows(key: str, form: str, read: Callable[[str, object], Row], most: int = MAX_OBJECTS) -> list[Row]:
+    limits = reader.limits(raw.get("limits")) if limits is None else limits
+    objects, pairs = limits.objects, limits.objects * (limits.objects - 1) // 2
+
+    def rows(key: str, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
         return reader.rows(labels[key], _plain(raw.get(key, [])), form, read, most)
 
     draft = Draft(
         name=reader.name(raw.get("name")),
-        bars=rows("block", "bars [[x1, y1], [x2, y2]]", reader.bar),
-        balls=rows("ball", "balls [x, y, radius]", reader.ball),
-        eliminable=rows("eli", "flags 0 or 1", reader.flag, 2 * MAX_OBJECTS),
-        dynamic=rows("dynamic", "flags 0 or 1", reader.flag, 2 * MAX_OBJECTS),
-        joints=rows("joint", "pairs [object, object]", reader.pair, _MAX_PAIRS),
-        springs=rows("spring", "pairs [object, object]", reader.pair, _MAX_PAIRS),
+        bars=rows("block", "bars [[x1, y1], [x2, y2]]", reader.bar, objects),
+        balls=rows("ball", "balls [x, y, radius]", reader.ball, objects),
+        eliminable=rows("eli", "flags 0 or 1", reader.flag, 2 * objects),
+        dynamic=rows("dynamic", "flags 0 or 1", reader.flag, 2 * objects),
+        joints=rows("joint", "pairs [object, object]", reader.pair, pairs),
+        springs=rows("spring", "pairs [object, object]", reader.pair, pairs),
+        limits=limits,
     )
     return draft, reader.problems
 
@@ -100,6 +105,19 @@ class _Reader:
             return value
         self.tell("name", f"a text of 1 to {MAX_NAME} printable characters without blanks at its ends", value)
         return ""
+
+    def limits(self, value: object) -> Limits:
+        """Read how large the scene says it may be; the official limits if it says nothing."""
+        if value is None:
+            return OFFICIAL
+        if not isinstance(value, Mapping) or not set(value) <= {"objects", "blocks"}:
+            self.tell("limits", 'an object {"objects": ..., "blocks": ...}', value)
+            return OFFICIAL
+        try:
+            return Limits(**value)
+        except ValueError as error:
+            self.problems.append(one_line(str(error)))
+            return OFFICIAL
 
     def rows(self, label: str, value: object, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
         if not isinstance(value, (list, tuple)):

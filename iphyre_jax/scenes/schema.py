@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.messages import show
 from iphyre_jax.scenes.validate import Labels, check_scene
 
@@ -35,6 +36,7 @@ class Scene:
         dynamic: (n_objects,) bool, whether the object moves.
         joints: pairs of object indices, each held by a pin joint from centre to centre.
         springs: pairs of object indices, each held by a damped spring from centre to centre.
+        limits: how large the scene may be, hence the shape of its observations and plans.
 
     Raises:
         ValueError: fields are wrong; one line for each.
@@ -47,12 +49,13 @@ class Scene:
     dynamic: npt.NDArray[np.bool_]
     joints: tuple[tuple[int, int], ...] = ()
     springs: tuple[tuple[int, int], ...] = ()
+    limits: Limits = OFFICIAL
 
     def __post_init__(self) -> None:
         """Check the fields and put them in their form."""
         raw = {key: getattr(self, label) for key, label in _LABELS.items()}
         flags = {key: _as_flags(raw[key]) for key in ("eli", "dynamic")}
-        draft = check_scene({"name": self.name} | raw | flags, f"Scene {show(self.name)}", _LABELS)
+        draft = check_scene({"name": self.name} | raw | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
         fields = {
             "blocks": _frozen(draft.bars, np.float64, (-1, 2, 2)),
             "balls": _frozen(draft.balls, np.float64, (-1, 3)),
@@ -86,7 +89,7 @@ class Scene:
 
     def _identity(self) -> tuple[object, ...]:
         arrays = (self.blocks, self.balls, self.eliminable, self.dynamic)
-        return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs)
+        return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs, self.limits)
 
     def __eq__(self, other: object) -> bool:
         return self._identity() == other._identity() if isinstance(other, Scene) else NotImplemented

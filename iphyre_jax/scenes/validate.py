@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from iphyre_jax.scenes.forms import OPTIONAL, REQUIRED, Draft, Pair, read_draft
-from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS, MIN_LENGTH
+from iphyre_jax.scenes.limits import MAX_MOVING, MIN_LENGTH, Limits
 from iphyre_jax.scenes.messages import refuse
 
 Labels = Mapping[str, str]
@@ -18,14 +18,17 @@ FILE_LABELS: Final[Labels] = {key: key for key in REQUIRED + OPTIONAL}
 """The fields of a scene file go by their own names."""
 
 
-def check_scene(raw: Mapping[str, object], source: str, labels: Labels = FILE_LABELS) -> Draft:
+def check_scene(
+    raw: Mapping[str, object], source: str, labels: Labels = FILE_LABELS, limits: Limits | None = None
+) -> Draft:
     """Validate a scene in full.
 
     Args:
-        raw: `name`, `block`, `ball`, `eli`, `dynamic` and, if there are any, `joint` and `spring`, as plain numbers,
-            text and lists.
+        raw: `name`, `block`, `ball`, `eli`, `dynamic` and, if there are any, `joint`, `spring` and `limits`, as plain
+            numbers, text, lists and objects.
         source: the file or argument that a message names.
         labels: the name to tell each field by.
+        limits: of the scene, in place of its field "limits".
 
     Returns:
         The scene's fields, in their form and sound.
@@ -33,7 +36,7 @@ def check_scene(raw: Mapping[str, object], source: str, labels: Labels = FILE_LA
     Raises:
         ValueError: fields are wrong; one line for each, "source: field: expected ..., got ...".
     """
-    draft, problems = read_draft(raw, labels)
+    draft, problems = read_draft(raw, labels, limits)
     for rules in (_sizes, _flags, _pairs):
         refuse(source, problems)
         problems = list(rules(draft, labels))
@@ -46,8 +49,8 @@ def _sizes(draft: Draft, labels: Labels) -> Iterator[str]:
     bars, balls = len(draft.bars), len(draft.balls)
     if not balls:
         yield f"{labels['ball']}: expected at least one ball, got none"
-    if bars + balls > MAX_OBJECTS:
-        yield f"{labels['block']}: expected at most {MAX_OBJECTS} objects, got {bars} blocks and {balls} balls"
+    if bars + balls > (most := draft.limits.objects):
+        yield f"{labels['block']}: expected at most {most} objects, got {bars} blocks and {balls} balls"
     for key, flags in (("eli", draft.eliminable), ("dynamic", draft.dynamic)):
         if len(flags) != bars + balls:
             wanted = f"{bars + balls} entries (one for each of {bars} blocks and {balls} balls)"
@@ -70,8 +73,10 @@ def _flags(draft: Draft, labels: Labels) -> Iterator[str]:
             yield f"{labels['dynamic']}[{i}]: expected 1 (object {i} is a ball, which always moves), got 0"
         if eliminable and dynamic and not is_ball:
             yield f"{labels['eli']}[{i}]: expected 0 (block {i} is dynamic; only a static one can be eliminated), got 1"
-    if (count := sum(draft.eliminable)) > MAX_ELIMINABLE:
-        yield f"{labels['eli']}: expected at most {MAX_ELIMINABLE} eliminable blocks, got {count}"
+    if (moving := sum(draft.dynamic)) > MAX_MOVING:
+        yield f"{labels['dynamic']}: expected at most {MAX_MOVING} objects that move, got {moving}"
+    if (count := sum(draft.eliminable)) > (most := draft.limits.blocks):
+        yield f"{labels['eli']}: expected at most {most} eliminable blocks, got {count}"
 
 
 def _pairs(draft: Draft, labels: Labels) -> Iterator[str]:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.scenes.geometry import FRAME, TOLERANCE, Floats, Layouts, gaps, outside
-from iphyre_jax.scenes.limits import MAX_OBJECTS, MIN_LENGTH
+from iphyre_jax.scenes.limits import MIN_LENGTH
 from iphyre_jax.scenes.schema import Scene
 
 SOUND: Final = ""
@@ -157,8 +157,7 @@ def _check(
     for name, number, lowest in (("shift_px", shift_px, 0), ("scale_by", scale_by, 1), ("jitter_px", jitter_px, 0)):
         if isinstance(number, bool) or not isinstance(number, int | float) or not lowest <= number < math.inf:
             raise ValueError(f"{name}: expected a finite number of at least {lowest}, got {number!r}")
-    if scene.n_objects + extra_blocks > MAX_OBJECTS:
-        most = MAX_OBJECTS - scene.n_objects
+    if extra_blocks > (most := scene.limits.objects - scene.n_objects):
         raise ValueError(f"extra_blocks: expected at most {most} for {scene.name}, got {extra_blocks}")
 
 
@@ -192,4 +191,5 @@ def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
         dynamic=np.insert(original.dynamic, [own] * added, False),
         joints=moved(original.joints),
         springs=moved(original.springs),
+        limits=original.limits,
     )

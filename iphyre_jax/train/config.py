@@ -13,6 +13,7 @@ from iphyre_jax.env import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.reward import whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.distributions import HeadName
 from iphyre_jax.train.settings import PPO, SETTINGS, AgentName, PolicyGradient, Settings
 
@@ -177,7 +178,10 @@ def _check_games(config: TrainConfig) -> None:
     for game in set(config.games) - known:
         if not Path(game).is_file():
             raise ValueError(f"games: expected names of games of the package or scene files, got {game!r}")
-        load_scene(game)
+        if load_scene(game).limits != OFFICIAL:
+            raise ValueError(
+                f"games: expected scenes without limits of their own, for the networks' sizes, got {game!r}"
+            )
     if whole_fps(config.fps) % 10:
         raise ValueError(f"fps: expected a multiple of 10, got {config.fps}")
 

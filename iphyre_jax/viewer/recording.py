@@ -22,7 +22,7 @@ from iphyre_jax.physics.broadphase import Counters
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.reward import episode_reward, whole_fps
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
+from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.build import timing
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -157,7 +157,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         length = int(TIME_LIMIT * rate)
         if length > (limit := Counters(topology.moving).max_steps):
             raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
-        padded = np.full(MAX_ELIMINABLE, NEVER, np.int32)
+        padded = np.full(scene.limits.blocks, NEVER, np.int32)
         padded[: len(steps)] = steps
         outcome, tape = jax.device_get(_program(topology, length)(world, timing(rate, dtype), padded))
     made = int(outcome.steps)
@@ -211,7 +211,7 @@ def _play(
     progress = rollouts.begin(topology, world, jnp.zeros((), bool))
     first = _frame(topology, world, progress)
     tape = jax.tree.map(lambda leaf: jnp.zeros((length + 1, *leaf.shape), leaf.dtype).at[0].set(leaf), first)
-    # A plan has MAX_ELIMINABLE columns; bars that no column removes have column -1 and match none.
+    # A plan has as many columns as the limits allow; bars that no column removes have column -1 and match none.
     columns = jnp.arange(plan.shape[0], dtype=jnp.int32)
     removal = jnp.max(jnp.where(world.column[None] == columns[:, None], plan[:, None], NEVER), axis=0)
 

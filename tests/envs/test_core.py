@@ -125,6 +125,17 @@ def test_nested_maps_and_a_map_over_params() -> None:
         np.testing.assert_allclose(np.delete(seen, [108, 109]), start_observation(load_scene(game)), atol=1e-7)
 
 
+def test_a_game_alone_is_as_if_nothing_else_had_been_made() -> None:
+    iphyre_jax.register("pair-v1", ["hole", "pendulum"])
+    env, params = iphyre_jax.make("on-the-fly/pair-v1")
+    for game in ("hole", "pendulum"):
+        one, own = env.alone(params, env.games.index(game))
+        made, given = iphyre_jax.make(f"on-the-fly/{game}-v1")
+        assert one == made != env
+        assert one.games == (game,)
+        assert_equal(own, given)
+
+
 def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
     env, params = environment()
     still, _ = environment(autoreset=False)

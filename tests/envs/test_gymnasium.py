@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 
+import iphyre_jax
 import iphyre_jax.adapters as adapters
 from iphyre_jax.adapters import GymnasiumEnv, GymnasiumVectorEnv
 
-
-def _name(strategy: str) -> str:
-    names = adapters.register_gymnasium()
-    assert f"iphyre/{strategy}-support-v1" in names
-    return f"iphyre/{strategy}-support-v1"
+ALL = bool(os.environ.get("IPHYRE_JAX_CHECK_ALL"))
+STRATEGIES, GAMES = ("in-advance", "on-the-fly", "combined"), ("support-v1", "coupled-v1")
 
 
 def test_in_advance_ends_terminated_and_keeps_the_official_flags() -> None:
@@ -29,18 +28,29 @@ def test_in_advance_ends_terminated_and_keeps_the_official_flags() -> None:
     assert info["time"] == 15.0
 
 
-@pytest.mark.parametrize("strategy", ["on-the-fly"])
-def test_the_vector_environment_is_its_single_ones(strategy: str) -> None:
+def _random_actions(rng: np.random.Generator, strategy: str, count: int) -> np.ndarray:
+    """Removals that solve some games and leave others."""
+    return rng.integers(0, 3, count) if strategy == "on-the-fly" else rng.uniform(0, 1, (count, 6)).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("strategy", "games"),
+    [(strategy, games) for strategy in STRATEGIES for games in GAMES] if ALL else [("on-the-fly", "support-v1")],
+)
+def test_the_vector_environment_is_its_single_ones(strategy: str, games: str) -> None:
+    if games not in {name.partition("/")[2] for name in iphyre_jax.environment_ids()}:
+        iphyre_jax.register(games, ["support", "pendulum"])  # of different topologies
+    adapters.register_gymnasium()
     count, rng = 4, np.random.default_rng(0)
-    vector = gymnasium.make_vec(_name(strategy), num_envs=count)
+    vector = gymnasium.make_vec(f"iphyre/{strategy}-{games}", num_envs=count)
     assert vector.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.SAME_STEP
-    singles = [GymnasiumEnv(f"{strategy}/support-v1") for _ in range(count)]
+    singles = [GymnasiumEnv(f"{strategy}/{games}") for _ in range(count)]
     seen, infos = vector.reset(seed=5)
     own = [env.reset(seed=5 + k) for k, env in enumerate(singles)]
     np.testing.assert_array_equal(seen, [one[0] for one in own])
     ended = 0
-    for _ in range(60):
-        actions = rng.integers(0, 3, count)
+    for _ in range(160 if ALL else 60):
+        actions = _random_actions(rng, strategy, count)
         seen, rewards, terminated, truncated, infos = vector.step(actions)
         for k, env in enumerate(singles):
             one = env.step(actions[k])

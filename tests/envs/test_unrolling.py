@@ -94,7 +94,7 @@ def test_a_record_is_what_a_scan_stacks() -> None:
         return carry, (
             carry,
             carry > 2,
-            {"row": jnp.stack([carry, carry * count])},
+            {"row": jnp.stack([carry, carry * count]), "rows": jnp.stack([carry * k for k in range(20)])},
             carry.astype(jnp.int32),
             count + carry,
         )
@@ -103,6 +103,7 @@ def test_a_record_is_what_a_scan_stacks() -> None:
     end, rows = records.scan(turn, start, 4)
     expected_end, expected = jax.lax.scan(turn, start, jnp.arange(4, dtype=jnp.int32))
     np.testing.assert_array_equal(end, expected_end)
+    expected = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 1), expected)
     assert jax.tree.structure(rows) == jax.tree.structure(expected)
     for a, b in zip(jax.tree.leaves(rows), jax.tree.leaves(expected), strict=True):
         assert a.dtype == b.dtype

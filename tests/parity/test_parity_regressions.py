@@ -75,3 +75,13 @@ def test_random_scenes_are_what_they_promise() -> None:
 def test_random_scenes_need_no_more_programs_than_templates() -> None:
     topologies = {topology_of(random_scene(index)) for index in range(240)}
     assert len(topologies) == len(TEMPLATES) <= 24
+
+
+def test_templates_have_every_sort_of_link() -> None:
+    sorts: set[tuple[str, str]] = set()
+    for template in TEMPLATES:
+        names = ["bar"] * template.bars + ["ball"] * template.balls + ["static"]  # STATIC, -1, is the last
+        for sort, links in (("joint", template.joints), ("spring", template.springs)):
+            sorts |= {(sort, " ".join(sorted((names[a], names[b])))) for a, b in links}
+    ends = ("ball ball", "ball bar", "bar bar", "ball static", "bar static")
+    assert sorts == {(sort, end) for sort in ("joint", "spring") for end in ends}

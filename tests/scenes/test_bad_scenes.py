@@ -82,7 +82,8 @@ BAD: list[tuple[str, Change, str]] = [
     (
         "foreign field",
         put(1, "qqq"),
-        "'qqq': expected no such field (known are schema, version, name, block, ball, eli, dynamic, joint, spring)",
+        "'qqq': expected no such field "
+        "(known are schema, version, name, block, ball, eli, dynamic, joint, spring, limits)",
     ),
     # name
     ("no name", drop("name"), NO_NAME + "None"),
@@ -241,7 +242,7 @@ BAD_FILES: list[tuple[str, bytes, str]] = [
     (
         "a list",
         b"[]",
-        "expected an object with the fields schema, version, name, block, ball, eli, dynamic, joint, spring,"
+        "expected an object with the fields schema, version, name, block, ball, eli, dynamic, joint, spring, limits,"
         " got a list of 0",
     ),
 ]

@@ -157,6 +157,8 @@ def conforms(value: Any, schema: dict[str, Any]) -> bool:
         return size and all(conforms(one, item) for one, item in zip(value, items, strict=True))
     if isinstance(value, dict):
         known = schema["properties"]
+        if "if" in schema and not set(schema["if"]["not"]["required"]) <= set(value):
+            known = {key: field | schema["then"]["properties"].get(key, {}) for key, field in known.items()}
         whole = set(schema["required"]) <= set(value) <= set(known)
         return whole and all(conforms(one, known[key]) for key, one in value.items())
     if isinstance(value, str):
@@ -179,9 +181,12 @@ def test_the_schema_holds_for_the_games_and_not_for_others() -> None:
         {"block": [[[1, 2], [3, "4"]]]},
         {"block": [[[1, 2], [3, 1e5]]]},
         {"spring": [[0, 12]]},
+        {"block": [[[0, 50 * k], [9, 50 * k]] for k in range(13)]},
+        {"limits": {"objects": 11}},
         {"colour": "red"},
     ):
         assert not conforms(good | change, schema)
+    assert conforms(good | {"spring": [[0, 12]], "limits": {"objects": 15, "blocks": 8}}, schema)
     assert not conforms({key: value for key, value in good.items() if key != "eli"}, schema)
 
 
