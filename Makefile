@@ -38,7 +38,7 @@ fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number t
 
 test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
-	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest
+	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
 
 test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
@@ -52,7 +52,7 @@ test-learners: .venv/.stamp ## every learner beats the random agent on two games
 
 test-browser: chromium ## the pages in Chromium, in an environment of its own; screenshots in build/browser/
 	$(PYTHON) -m venv $(BROWSER_VENV)
-	$(BROWSER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,browser]' pytest
+	$(BROWSER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,browser]' pytest hypothesis
 	CHROMIUM="$(CHROMIUM)" JAX_COMPILATION_CACHE_DIR="$(CURDIR)/build/jax-cache" JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS=0.1 \
 		$(BROWSER_VENV)/bin/python -m pytest tests/browser -rP
 

@@ -1,4 +1,4 @@
-"""What holds for every test: the CPU, and arrays of different rank never meet unsaid."""
+"""What holds for every test: the CPU, arrays of different rank never meet unsaid, no test fails for being slow."""
 
 import os
 
@@ -6,5 +6,10 @@ os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
 os.environ["IPHYRE_JAX_CONFIGURE"] = "off"  # commands run in here would set what holds for the whole process
 
 import jax
+from hypothesis import HealthCheck, settings
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Speed is measured in benchmarks/; on a machine that has other work a time limit says nothing about the code.
+settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("untimed")

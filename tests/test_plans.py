@@ -50,21 +50,21 @@ def plans(dtype: type[np.floating[Any]], width: Literal[32, 64] = 64) -> st.Sear
     return hnp.arrays(dtype, st.tuples(st.integers(1, 3), st.integers(1, 6)), elements=value.map(dtype))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(plans(np.float64), st.sampled_from([60, 10, 30, 7, 1]))
 def test_simulate_rule_equals_the_driver(times: Floats, fps: int) -> None:
     expected = [simulate_driver(row, fps) for row in times]
     np.testing.assert_array_equal(plan_to_steps(times, fps, "simulate"), expected)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(plans(np.float32, 32), st.sampled_from([60, 10]))
 def test_simulate_rule_takes_float32_at_its_exact_value(times: Floats, fps: int) -> None:
     expected = [simulate_driver(row, fps) for row in times]
     np.testing.assert_array_equal(plan_to_steps(times, fps, "simulate"), expected)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.one_of(plans(np.float32, 32), plans(np.float64)), st.sampled_from([10, 60]))
 def test_in_advance_rule_equals_the_environment(times: Floats, fps: int) -> None:
     expected = [in_advance_driver(row, fps) for row in times]
