@@ -81,6 +81,9 @@ class TrainConfig:
     network: Literal["perceptron", "objects"] = "perceptron"
     """"perceptron" reads the observation as one list of numbers; "objects" attends from object to object."""
 
+    centred: bool = True
+    """A perceptron sees observations less the mean of those that the training games begin with, times 2."""
+
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers; of an object network, width of each round of attention."""
 

@@ -35,11 +35,11 @@ DEFAULT: Final[Table] = MappingProxyType(
         ("ppo", "in-advance"): {"learner": PPO()},
         ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
         ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003)},
-        ("a2c", "in-advance"): {"learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05), "updates": 150},
+        ("a2c", "in-advance"): {"learner": A2C(entropy=0.05), "episodes_per_scene": 32, "updates": 300},
         ("a2c", "combined"): {
-            "learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05, rows=1024),
-            "episodes_per_scene": 64,
-            "updates": 150,
+            "learner": A2C(entropy=0.05, rows=512),
+            "episodes_per_scene": 32,
+            "updates": 300,
         },
         ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003)},
         ("sac", "in-advance"): {
@@ -66,7 +66,8 @@ DEFAULT: Final[Table] = MappingProxyType(
         | {"activation": "relu", "episodes_per_scene": 8, "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01)},
         ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
         ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2, "head": "categorical"},
+        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
+        | {"head": "categorical", "observation": "motion"},  # of which it looks at nothing
     }
 )
 
@@ -198,4 +199,5 @@ def preset(
     if (agent, strategy) not in table:
         known = ", ".join(f"{one} {other}" for one, other in table)
         raise ValueError(f"agent, strategy: expected one of {known}; got {agent} {strategy}")
-    return replace(TrainConfig(), agent=agent, strategy=strategy, preset=name, **table[agent, strategy])
+    base = TrainConfig(agent=agent, strategy=strategy, preset=name, centred=name == "default")
+    return replace(base, **table[agent, strategy])

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from iphyre_jax.env import observation_table
+from iphyre_jax.scenes import load_scene
 from iphyre_jax.train import actor_critic
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.networks import ObjectNetwork, Perceptron
-from iphyre_jax.train.observations import observation_size, parts, slot_mask
+from iphyre_jax.train.observations import parts, slot_mask, start_observations
 from iphyre_jax.train.presets import preset
 
 SEEN = jnp.asarray(observation_table(("hole", "multi_ball_spring")))
@@ -63,8 +64,7 @@ def test_the_first_policy_is_the_prior_for_every_scene() -> None:
 def test_masks_are_found_in_every_kind_of_observation() -> None:
     for strategy in ("in-advance", "combined", "on-the-fly"):
         for observation in ("official", "motion"):
-            size = observation_size(strategy, observation)  # type: ignore[arg-type]
-            start = 108 + (2 if strategy == "on-the-fly" else 0)
-            seen = jnp.zeros((1, size)).at[0, start : start + 4].set(0.5)
-            np.testing.assert_array_equal(slot_mask(seen)[0], [True, True, False, False, False, False])
+            seen = start_observations(strategy, observation, ["hole", "support"])  # type: ignore[arg-type]
+            blocks = [len(load_scene(game).eliminable_blocks) for game in ("hole", "support")]
+            np.testing.assert_array_equal(slot_mask(seen).sum(axis=1), blocks)
     assert preset("ppo", "on-the-fly").observation == "motion"
