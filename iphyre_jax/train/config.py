@@ -90,7 +90,7 @@ class TrainConfig:
     activation: Literal["tanh", "relu"] = "tanh"
     """Of the hidden layers of a perceptron."""
 
-    updates: int = 100
+    updates: int = 60
     """Rounds; in each, episodes are played, then learned from."""
 
     episodes_per_scene: int = 128

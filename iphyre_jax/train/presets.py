@@ -29,19 +29,20 @@ _FLY: Final[dict[str, Any]] = {
     "episodes_per_scene": 32,
 }
 _CRITIC: Final[dict[str, Any]] = {"critic": True, "rows": 8192, "discount": 1.0, "trace": 0.95}
+_EXPLORING: Final[dict[str, Any]] = {"entropy": 0.15, "std_floor": 10.0}  # or it removes blocks that might stay
 
 DEFAULT: Final[Table] = MappingProxyType(
     {
         ("ppo", "in-advance"): {"learner": PPO()},
         ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
-        ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003)},
-        ("a2c", "in-advance"): {"learner": A2C(entropy=0.05), "episodes_per_scene": 32, "updates": 300},
+        ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003), "updates": 60},
+        ("a2c", "in-advance"): {"learner": A2C(**_EXPLORING), "episodes_per_scene": 32, "updates": 300},
         ("a2c", "combined"): {
-            "learner": A2C(entropy=0.05, rows=512),
+            "learner": A2C(**_EXPLORING, rows=512),
             "episodes_per_scene": 32,
             "updates": 300,
         },
-        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003)},
+        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003, minibatches=16), "updates": 60},
         ("sac", "in-advance"): {
             "head": "squashed",
             "activation": "relu",
@@ -59,8 +60,10 @@ DEFAULT: Final[Table] = MappingProxyType(
         ("ddpg", "in-advance"): {
             "head": "point",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
-            "learner": DDPG(learning_rate=1e-3, noise_rounds=60),
+            "updates": 60,
+            "learner": DDPG(learning_rate=1e-3, noise_rounds=40),
         },
         ("dqn", "on-the-fly"): _FLY
         | {"activation": "relu", "episodes_per_scene": 8, "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01)},
