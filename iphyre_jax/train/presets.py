@@ -34,7 +34,7 @@ _EXPLORING: Final[dict[str, Any]] = {"entropy": 0.15, "std_floor": 10.0}  # or i
 DEFAULT: Final[Table] = MappingProxyType(
     {
         ("ppo", "in-advance"): {"learner": PPO()},
-        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
+        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64, "updates": 50},
         ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003), "updates": 60},
         ("a2c", "in-advance"): {"learner": A2C(**_EXPLORING), "episodes_per_scene": 32, "updates": 300},
         ("a2c", "combined"): {
@@ -46,14 +46,17 @@ DEFAULT: Final[Table] = MappingProxyType(
         ("sac", "in-advance"): {
             "head": "squashed",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
             "learner": SAC(learning_rate=1e-3),
         },
         ("sac", "combined"): {
             "head": "squashed",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
-            "learner": SAC(learning_rate=1e-3, steps=128),
+            "updates": 100,
+            "learner": SAC(learning_rate=1e-3),
         },
         ("sac", "on-the-fly"): _FLY
         | {"activation": "relu", "episodes_per_scene": 8, "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01)},
@@ -66,7 +69,11 @@ DEFAULT: Final[Table] = MappingProxyType(
             "learner": DDPG(learning_rate=1e-3, noise_rounds=40),
         },
         ("dqn", "on-the-fly"): _FLY
-        | {"activation": "relu", "episodes_per_scene": 8, "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01)},
+        | {
+            "activation": "relu",
+            "episodes_per_scene": 8,
+            "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01, epsilon_rounds=30),
+        },
         ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
         ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
         ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2}

@@ -28,7 +28,7 @@ import numpy as np
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algorithms import State, algorithm, init
 from iphyre_jax.train.config import TrainConfig, config_from_json
-from iphyre_jax.train.evaluate import Evaluation, evaluate
+from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.logs import replace_bytes, replace_text
 from iphyre_jax.train.provenance import provenance
 from iphyre_jax.train.report import agent_name
@@ -88,38 +88,38 @@ def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
     return Pretrained(name, config, _state(config, raw, arrays), content["scores"], content["origin"])
 
 
+def rounded(config: TrainConfig, state: State) -> State:
+    """What is left of an algorithm's state when it is kept: what `act` and `greedy` look at, as float16 holds it."""
+    return jax.tree.map(lambda leaf: jnp.asarray(_stored(leaf), leaf.dtype), algorithm(config).acting(state))
+
+
 def save_pretrained(
-    name: str, config: TrainConfig, state: State, origin: Mapping[str, Any], folder: Path = WEIGHTS
-) -> Pretrained:
-    """Write the two files of a policy; plays all fifty games with the weights as they are stored.
+    name: str, config: TrainConfig, state: State, scores: Mapping[str, Any], origin: Mapping[str, Any], folder: Path
+) -> None:
+    """Write the two files of a policy.
 
     Args:
         name: of the policy.
         config: settings of its training.
-        state: of its algorithm.
+        state: `rounded`.
+        scores: "splits", "games" and "faults" of the evaluation of that very state.
         origin: JSON values that say how it was chosen and where it was trained.
         folder: to write into.
     """
-    acting = algorithm(config).acting(state)
     packed = io.BytesIO()
-    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in _named(acting).items()})  # type: ignore[arg-type]
-    raw = packed.getvalue()
-    stored = _state(config, raw, folder / f"{name}.npz")
-    evaluation = evaluate(config, stored, PLAYED).to_json()
-    scores = {key: evaluation[key] for key in ("splits", "games", "faults")}
-    content: dict[str, Any] = {
+    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in _named(state).items()})  # type: ignore[arg-type]
+    content = {
         "schema": SCHEMA,
         "version": VERSION,
         "agent": agent_name(config),
         "settings": config.to_json(),
-        "sha256": hashlib.sha256(raw).hexdigest(),
+        "sha256": hashlib.sha256(packed.getvalue()).hexdigest(),
         "origin": {**origin, "evaluated": provenance()},
-        "scores": scores,
+        "scores": {key: scores[key] for key in ("splits", "games", "faults")},
     }
     folder.mkdir(parents=True, exist_ok=True)
-    replace_bytes(folder / f"{name}.npz", raw)
+    replace_bytes(folder / f"{name}.npz", packed.getvalue())
     replace_text(folder / f"{name}.json", json.dumps(content, indent=1) + "\n")
-    return Pretrained(name, config, stored, scores, content["origin"])
 
 
 def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:

@@ -20,12 +20,11 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.configuration import configure
-from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import compare, logs, loop, runs
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.presets import DEFAULT, preset
-from iphyre_jax.train.pretrained import save_pretrained
+from iphyre_jax.train.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.provenance import provenance
 from iphyre_jax.train.report import markdown_table, paper_name, paper_numbers
 from iphyre_jax.train.settings import PPO
@@ -94,8 +93,7 @@ def run_row(folder: Path, config: TrainConfig, console: Console) -> None:
         outcome = loop.train(config, folder, console)
     if not outcome.finished:
         raise KeyboardInterrupt
-    games = (*GAMES, *SPLITS["unseen_basic"])
-    runs.write_evaluation(folder, config, evaluate(config, outcome.state.learner, games), int(outcome.state.update))
+    runs.write_evaluation(folder, config, evaluate(config, outcome.state.learner, PLAYED), int(outcome.state.update))
 
 
 def ship(arguments: Arguments, name: str) -> None:
@@ -112,7 +110,8 @@ def ship(arguments: Arguments, name: str) -> None:
         "chosen": f"best of {len(seeds)} seeds by greedy reward on the basic and unseen basic games",
         "trained": {key: about[key] for key in ("started", "versions", "device", "machine", "commit")},
     }
-    save_pretrained(name, config, state.learner, origin, arguments.weights)
+    kept = rounded(config, state.learner)
+    save_pretrained(name, config, kept, evaluate(config, kept, PLAYED).to_json(), origin, arguments.weights)
 
 
 def seconds_to_paper(run: compare.Evaluated) -> float | None:
