@@ -42,7 +42,7 @@ DEFAULT: Final[Table] = MappingProxyType(
             "episodes_per_scene": 32,
             "updates": 300,
         },
-        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003, minibatches=16), "updates": 60},
+        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003, minibatches=16), "updates": 40},
         ("sac", "in-advance"): {
             "head": "squashed",
             "activation": "relu",
@@ -59,7 +59,12 @@ DEFAULT: Final[Table] = MappingProxyType(
             "learner": SAC(learning_rate=1e-3),
         },
         ("sac", "on-the-fly"): _FLY
-        | {"activation": "relu", "episodes_per_scene": 8, "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01)},
+        | {
+            "activation": "relu",
+            "episodes_per_scene": 8,
+            "updates": 40,
+            "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01),
+        },
         ("ddpg", "in-advance"): {
             "head": "point",
             "activation": "relu",
@@ -72,7 +77,8 @@ DEFAULT: Final[Table] = MappingProxyType(
         | {
             "activation": "relu",
             "episodes_per_scene": 8,
-            "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01, epsilon_rounds=30),
+            "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01, epsilon_rounds=25),
+            "updates": 40,
         },
         ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
         ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},

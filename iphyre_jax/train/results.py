@@ -27,7 +27,7 @@ from iphyre_jax.train.presets import DEFAULT, preset
 from iphyre_jax.train.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.provenance import provenance
 from iphyre_jax.train.report import markdown_table, paper_name, paper_numbers
-from iphyre_jax.train.settings import PPO
+from iphyre_jax.train.settings import DDPG, PPO
 
 SEEDS: Final = 5
 OFFICIAL: Final = (
@@ -41,23 +41,18 @@ def rows() -> Mapping[str, TrainConfig]:
     """The rows by name: the twelve of the paper with the default preset, then our own."""
     paper = {key: preset(*key) for key in DEFAULT if key not in (("random", "in-advance"), ("random", "combined"))}
     table = {paper_name(config).lower(): config for config in paper.values()}
-    base = preset()
-    own = {
-        "ppo-i-smooth": replace(base, fps=60, resets=1, updates=150, learner=SMOOTH),
-        "ppo-i-objects": OBJECTS,
-    }
-    return MappingProxyType(table | own)
+    return MappingProxyType(table | {"ppo-i-smooth": SMOOTH, "ddpg-i-varied": VARIED})
 
 
-_BASE: Final = preset()
-SMOOTH: Final = PPO(std_floor=150.0, entropy=0.03)
-OBJECTS: Final = replace(
-    _BASE,
-    network="objects",
-    hidden=(64, 64),
-    variations=100,
-    updates=200,
-    learner=SMOOTH,
+SMOOTH: Final = replace(preset(), fps=60, resets=1, updates=150, learner=PPO(std_floor=150.0, entropy=0.03))
+_DDPG: Final = preset("ddpg", "in-advance")
+VARIED: Final = replace(
+    _DDPG,
+    variations=200,
+    added_blocks=2,
+    episodes_per_scene=128,
+    updates=100,
+    learner=DDPG(learning_rate=1e-3, noise_rounds=70),
 )
 
 
