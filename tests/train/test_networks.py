@@ -36,6 +36,18 @@ def test_a_dueling_network_parts_value_from_deviations() -> None:
     np.testing.assert_allclose(outputs.mean(axis=-1), (hidden @ layers["Dense_2"]["kernel"])[:, 0], atol=1e-5)
 
 
+def test_a_centred_network_takes_away_what_it_was_initialised_with() -> None:
+    given = {"hidden": (16,), "activation": "relu", "shape": (3,), "scale": 1.0}
+    plain, centred = Perceptron(**given), Perceptron(**given, centred=True)  # type: ignore[arg-type]
+    params = centred.init(jax.random.key(0), SEEN)
+    layers = {"params": {name: value for name, value in params["params"].items() if name != "centre"}}
+    other = SEEN[:1] + 0.1
+    expected = plain.apply(layers, 2.0 * (other - SEEN.mean(axis=0, keepdims=True)))
+    np.testing.assert_allclose(centred.apply(params, other), expected, atol=1e-5)
+    change = jax.grad(lambda given: centred.apply(given, other).sum())(params)  # type: ignore[attr-defined]
+    assert not np.asarray(change["params"]["centre"]).any()  # it stays what it is
+
+
 def shuffled(seen: jax.Array) -> jax.Array:
     """The same objects in other rows; the candidates, and so the slots, as they were."""
     taken = parts(seen)
