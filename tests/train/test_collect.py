@@ -91,8 +91,8 @@ def test_variations_take_the_place_of_games_by_seed_and_round() -> None:
     assert (len(scenes), episodes) == (4, 32)
     assert scenes[0] == "support"
     again, _ = training_scenes(config, 5)
-    added = [scene.n_objects for scene in variations("hole", 40, 1, 2)]
-    assert set(added) == {load_scene("hole").n_objects + extra for extra in range(3)}
+    added = [scene.n_objects for scene in variations("support", 40, 1, 2)]
+    assert set(added) == {load_scene("support").n_objects + extra for extra in range(3)}
     other, _ = training_scenes(config, 6)
     assert list(scenes) == list(again)
     assert list(scenes) != list(other)
