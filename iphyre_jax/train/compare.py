@@ -49,9 +49,10 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset and action head."""
+        """Agent, preset, action head, observation, and whether it was trained on variations."""
         config = self.config
-        return f"{paper_name(config)} {config.preset}, {config.head}, {config.observation}"
+        varied = ", varied" if config.variations else ""
+        return f"{paper_name(config)} {config.preset}, {config.head}, {config.observation}{varied}"
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""
