@@ -13,6 +13,7 @@ from iphyre_jax.train.config import TrainConfig
 
 GROUP: Final = 32  # episodes of one variation that are compared with one another
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by
+STRENGTHS: Final = (1.0, 0.5, 0.25)  # of these limits, each tried if all variations within the one before are refused
 STREAM: Final = 7919  # added to the seed: variations draw other numbers than anything else
 
 
@@ -41,13 +42,20 @@ def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple
     Raises:
         ValueError: none of them is valid; one line.
     """
-    scene, found = load_scene(game), []
-    for extra in range(min(added_blocks, MAX_OBJECTS - scene.n_objects) + 1):
-        each = -(-count // (added_blocks + 1))
-        drawn = vary(
-            scene, each, seed=seed + extra, shift_px=SHIFT, scale_by=SCALE, jitter_px=JITTER, extra_blocks=extra
-        )
-        found += drawn.scenes
-    if not found:
-        raise ValueError(f"variations: expected some valid ones of {game}, got none of {count}")
-    return tuple(found)
+    scene = load_scene(game)
+    each, most = -(-count // (added_blocks + 1)), min(added_blocks, MAX_OBJECTS - scene.n_objects)
+    for strength in STRENGTHS:
+        found: list[Scene] = []
+        for extra in range(most + 1):
+            found += vary(
+                scene,
+                each,
+                seed=seed + extra,
+                shift_px=SHIFT * strength,
+                scale_by=SCALE**strength,
+                jitter_px=JITTER * strength,
+                extra_blocks=extra,
+            ).scenes
+        if found:
+            return tuple(found)
+    raise ValueError(f"variations: expected some valid ones of {game}, got none of {count}")
