@@ -62,8 +62,9 @@ def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> 
         assert "\n" not in str(error.value)
 
 
-def test_what_ships_was_trained_as_its_row_of_the_results() -> None:
-    assert {"ppo-i", "ppo-c", "a2c-i", "sac-i", "ddpg-i"} <= set(names()) <= set(rows())
+def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
+    agents = {paper_name(config).lower() for config in rows().values() if config.agent != "random"}
+    assert agents <= set(names()) <= set(rows())
     for name in names():
         policy = load_pretrained(name)
         assert dataclasses.replace(policy.config, seed=0) == rows()[name]
