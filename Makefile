@@ -92,7 +92,7 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
 
 results: .venv/.stamp ## train five seeds of every agent and write docs/results.md; goes on where it stopped
-	$(PY) -m iphyre_jax.train.results
+	$(PY) -m iphyre_jax.train.results --weights iphyre_jax/train/weights
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train import compare, loop, runs
+from iphyre_jax.train import compare, loop, pretrained, runs
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.presets import preset
@@ -56,10 +56,13 @@ class Resume:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md; or score a file of plays."""
+    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md.
+
+    Or play a policy that ships with the package, whose scores must come out again; or score a file of plays.
+    """
 
     run: tyro.conf.Positional[Path]
-    """The run folder, or a file of plays (JSON lines)."""
+    """The run folder, a policy of the package by name, such as ppo-i, or a file of plays (JSON lines)."""
     checkpoint: str | None = None
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
@@ -114,6 +117,8 @@ def run(command: TrainingCommand, console: Console) -> int:
         if command.run.is_file():
             evaluate_plays(command.run, console)
             return 0
+        if not command.run.exists() and str(command.run) in pretrained.names():
+            return _reproduce(str(command.run), console)
         config, state = runs.load(command.run, command.checkpoint)
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         _evaluate_and_report(command.run, config, state, games, console)
@@ -144,6 +149,19 @@ def _evaluate_and_report(
     runs.write_evaluation(folder, config, evaluation, int(state.update))
     _print_splits(evaluation, config, console)
     console.print(f"More in {folder / 'evaluation.md'}")
+
+
+def _reproduce(name: str, console: Console) -> int:
+    """Play a policy of the package on its fifty games; 0 if all scores are those that it ships with."""
+    policy = pretrained.load_pretrained(name)
+    with console.status(f"evaluating on {len(pretrained.PLAYED)} games"):
+        evaluation = evaluate(policy.config, policy.state, pretrained.PLAYED)
+    _print_splits(evaluation, policy.config, console)
+    different = pretrained.differences(policy, evaluation)
+    for line in different:
+        console.print(line)
+    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores are not those that it ships with.")
+    return 1 if different else 0
 
 
 def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console) -> None:

@@ -31,6 +31,8 @@ def main() -> None:
     assert files("iphyre_jax").joinpath("py.typed").is_file()
     pages = files("iphyre_jax").joinpath("viewer", "pages")
     assert {"play.html", "replay.html", "style.css", "stage.js"} <= {page.name for page in pages.iterdir()}
+    weights = {file.name for file in files("iphyre_jax").joinpath("train", "weights").iterdir()}
+    assert {"ppo-i.npz", "ppo-i.json", "ddpg-i.npz"} <= weights, weights
     licences = {file.name for file in distribution("iphyre-jax").files or [] if ".dist-info" in str(file)}
     assert {"LICENSE", "NOTICE"} <= licences, licences
 

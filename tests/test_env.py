@@ -150,6 +150,7 @@ def test_a_mixture_comes_back_in_order() -> None:
     generator = np.random.default_rng(0)
     which = np.array([1, 0, 0, 1, 1, 0])
     actions = generator.uniform(0, 1, (6, 6)).astype(np.float32)
+    actions[[2, 4]] = actions[[1, 0]]  # equal plans of both games
     mixed = play(games, which, actions)
     for index in (0, 1):
         alone = play(games[index : index + 1], np.zeros(3, int), actions[which == index])

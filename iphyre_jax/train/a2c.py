@@ -20,7 +20,7 @@ from iphyre_jax.train.actor_critic import Batch, batch_of, entropy_weight, minib
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import action_head
-from iphyre_jax.train.networks import Params
+from iphyre_jax.train.networks import NOTHING, Params
 from iphyre_jax.train.observations import slot_mask
 
 METRICS: Final = ("policy_loss", "value_loss", "entropy", "grad_norm")
@@ -36,7 +36,7 @@ class State(NamedTuple):
 
 
 def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observation (1, D) gives the sizes."""
+    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
     params = actor_critic.init_params(config, key, observation)
     return State(params, actor_critic.optimiser(config, 1).init(params), jnp.zeros((), jnp.int32))
 
@@ -49,6 +49,11 @@ def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Arra
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
     """The most probable action for each observation (B, D)."""
     return actor_critic.greedy(config, state.params, observation)
+
+
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return state._replace(params={"policy": state.params["policy"]}, optimiser=NOTHING)
 
 
 def loss(params: Params, config: TrainConfig, batch: Batch, entropy_bonus: jax.Array) -> tuple[jax.Array, Metrics]:

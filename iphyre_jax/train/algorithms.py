@@ -7,12 +7,11 @@ from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 import jax
-import jax.numpy as jnp
 
 from iphyre_jax.train import a2c, ddpg, dqn, ppo, random_agent, sac
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.observations import observation_size
+from iphyre_jax.train.observations import start_observations
 from iphyre_jax.train.settings import AgentName
 
 State = Any  # a NamedTuple of the algorithm's own
@@ -26,13 +25,16 @@ class Algorithm(Protocol):
         """Names of what `learn` reports."""
 
     def init(self, config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-        """The state before the first round; observation (1, D) gives the sizes."""
+        """The state before the first round; observations (S, D) of the training games give sizes and centre."""
 
     def act(self, config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
         """A decision for each observation (B, D), as episodes are played to learn from."""
 
     def greedy(self, config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
         """The action held for best for each observation (B, D)."""
+
+    def acting(self, state: State) -> State:
+        """The state with nothing left in it but what `act` and `greedy` look at."""
 
     def learn(
         self, config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
@@ -57,5 +59,5 @@ def init(config: TrainConfig, key: jax.Array) -> State:
         ValueError: one line; a setting cannot work.
     """
     config.check()
-    seen = jnp.zeros((1, observation_size(config.strategy, config.observation)), jnp.float32)
+    seen = start_observations(config.strategy, config.observation, config.training_games)
     return algorithm(config).init(config, key, seen)

@@ -23,7 +23,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from iphyre_jax.train import trainer
-from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.config import TrainConfig, config_from_json
 from iphyre_jax.train.provenance import versions
 from iphyre_jax.train.trainer import RunState
 
@@ -161,7 +161,7 @@ def verify(path: Path, config: TrainConfig) -> None:
     content = json.loads(manifest.read_text("utf-8"))
     if content.get("format") != FORMAT:
         raise ValueError(f"expected format {FORMAT}, got {content.get('format')!r}: written by another version")
-    if content["settings"] != json.loads(json.dumps(config.to_json())):
+    if config_from_json(content["settings"], manifest) != config:  # settings that came later had their defaults
         raise ValueError("it belongs to other settings than config.json says")
     if content["update"] != int(path.name):
         raise ValueError(f"expected the checkpoint of {int(path.name)} rounds, got that of {content['update']}")

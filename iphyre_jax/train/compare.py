@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from rich import box
@@ -49,9 +50,10 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset and action head."""
+        """Agent, preset, action head, observation, and whether it was trained on variations."""
         config = self.config
-        return f"{paper_name(config)} {config.preset}, {config.head}, {config.observation}"
+        varied = ", varied" if config.variations else ""
+        return f"{paper_name(config)} {config.preset}, {config.head}, {config.observation}{varied}"
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""
@@ -147,28 +149,34 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
         draw_bars(bars, found, "sampled")
 
 
+def _colour(k: int) -> tuple[float, float, float, float]:
+    """The colour of row k: twenty, of which neighbours differ by more than their lightness."""
+    red, green, blue, alpha = matplotlib.colormaps["tab20"]((2 * k + (k % 20 >= 10)) % 20)
+    return red, green, blue, alpha
+
+
 def draw_curves(path: Path, found: Sequence[Row]) -> None:
     """Learning curves: mean over seeds of each round's reward against decisions, with the range of the seeds."""
-    figure = Figure(figsize=(8, 5), dpi=130, layout="constrained")
+    figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
-    for row in found:
+    for k, row in enumerate(found):
         lines = [logs.read(seed.path) for seed in row.seeds]
         length = min(len(each) for each in lines)
         if length < 2:
             continue
         reward = np.array([[float(line["reward"]) for line in each[:length]] for each in lines])
         decisions = np.mean([[float(line["decisions"]) for line in each[:length]] for each in lines], axis=0)
-        (drawn,) = axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, label=row.name)
-        axes.fill_between(decisions, reward.min(axis=0), reward.max(axis=0), color=drawn.get_color(), alpha=0.15)
+        axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, color=_colour(k), label=row.name)
+        axes.fill_between(decisions, reward.min(axis=0), reward.max(axis=0), color=_colour(k), alpha=0.15)
     axes.set(xscale="log", xlabel="decisions", ylabel="mean reward of training episodes")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="x-small", loc="upper left")
+    figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
     figure.savefig(path)
 
 
 def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
     """Rewards by split as bars, one colour an agent, with the paper's people as a line over each split."""
-    figure = Figure(figsize=(9, 4.5), dpi=130, layout="constrained")
+    figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
     axes, splits = figure.add_subplot(), COLUMNS[:-1]
     width = 0.85 / len(found)
     for k, row in enumerate(found):
@@ -177,7 +185,8 @@ def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
         low = [each.mean - each.low if each and each.seeds > 1 else 0.0 for each in summaries]
         high = [each.high - each.mean if each and each.seeds > 1 else 0.0 for each in summaries]
         places = np.arange(len(splits)) + (k - (len(found) - 1) / 2) * width
-        axes.bar(places, heights, width, yerr=[low, high], error_kw={"linewidth": 0.7}, label=row.name)
+        bars: dict[str, Any] = {"color": _colour(k), "error_kw": {"linewidth": 0.7}, "label": row.name}
+        axes.bar(places, heights, width, yerr=[low, high], **bars)
     for k, split in enumerate(splits):
         human = paper_numbers()["agents"]["Human"][split][0]
         axes.hlines(human, k - 0.45, k + 0.45, color="black", linestyle="--", linewidth=1)
@@ -185,5 +194,5 @@ def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
     axes.set_xticks(range(len(splits)), [TITLES[split] for split in splits])
     axes.set(ylabel=f"mean reward, {kind} actions, {found[0].config.fps} fps")
     axes.grid(axis="y", alpha=0.3)
-    axes.legend(fontsize="x-small", ncols=2)
+    figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
     figure.savefig(path)

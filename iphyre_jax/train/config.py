@@ -62,6 +62,9 @@ class TrainConfig:
     variations: int = 0
     """Shifted, mirrored, stretched and jittered copies of each game that are trained on beside it (in advance only)."""
 
+    added_blocks: int = 0
+    """Variations get from none up to so many further static blocks at random places."""
+
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
 
@@ -82,13 +85,16 @@ class TrainConfig:
     network: Literal["perceptron", "objects"] = "perceptron"
     """"perceptron" reads the observation as one list of numbers; "objects" attends from object to object."""
 
+    centred: bool = True
+    """A perceptron sees observations less the mean of those that the training games begin with, times 2."""
+
     hidden: tuple[int, ...] = (256, 256)
     """Widths of the hidden layers; of an object network, width of each round of attention."""
 
     activation: Literal["tanh", "relu"] = "tanh"
     """Of the hidden layers of a perceptron."""
 
-    updates: int = 100
+    updates: int = 60
     """Rounds; in each, episodes are played, then learned from."""
 
     episodes_per_scene: int = 128
@@ -119,7 +125,8 @@ class TrainConfig:
         _check_games(self)
         for name in ("resets", "updates", "sampled_episodes", "greedy_every"):
             _require(self, name, getattr(self, name) >= 1, "at least 1")
-        _require(self, "variations", self.variations >= 0, "a number not below 0")
+        for name in ("variations", "added_blocks"):
+            _require(self, name, getattr(self, name) >= 0, "a number not below 0")
         _require(self, "episodes_per_scene", self.episodes_per_scene >= 2, "at least 2")
         _require(self, "seed", 0 <= self.seed < 2**31, "from 0 to 2**31 - 1")
         _require(self, "hidden", len(self.hidden) > 0 and min(self.hidden) >= 1, "at least one positive width")

@@ -20,7 +20,7 @@ from iphyre_jax.train import replay
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import PointHead
-from iphyre_jax.train.networks import POLICY_SCALE, VALUE_SCALE, Params, network
+from iphyre_jax.train.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params, network
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.replay import Transition, weighted
 from iphyre_jax.train.settings import DDPG
@@ -77,9 +77,9 @@ def _optimisers(config: TrainConfig) -> tuple[optax.GradientTransformation, opta
 
 
 def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observation (1, D) gives the sizes."""
+    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
     policy_key, value_key = jax.random.split(key)
-    action = jnp.zeros((1, HEAD.shape[0]), jnp.float32)
+    action = jnp.zeros((len(observation), HEAD.shape[0]), jnp.float32)
     policy = _policy_network(config).init(policy_key, observation)
     value = network(config, (), VALUE_SCALE).init(value_key, jnp.concatenate([observation, action], axis=-1))
     of_policy, of_value = _optimisers(config)
@@ -119,6 +119,11 @@ def _best(config: TrainConfig, policy: Params, observation: jax.Array) -> jax.Ar
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
     """The policy's times for each observation (B, D)."""
     return _best(config, state.learned.policy, observation)
+
+
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return State(Learned(state.learned.policy, *[NOTHING] * 5), NOTHING, state.made)
 
 
 def value_loss(value: Params, config: TrainConfig, learned: Learned, batch: Transition) -> jax.Array:

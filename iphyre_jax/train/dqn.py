@@ -21,7 +21,7 @@ from iphyre_jax.train import replay
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import CategoricalHead
-from iphyre_jax.train.networks import VALUE_SCALE, Params, network
+from iphyre_jax.train.networks import NOTHING, VALUE_SCALE, Params, network
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.replay import Transition, weighted
 from iphyre_jax.train.settings import DQN
@@ -62,7 +62,7 @@ def values(config: TrainConfig, params: Params, observation: jax.Array) -> jax.A
 
 
 def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observation (1, D) gives the sizes."""
+    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
     value = _network(config).init(key, observation)
     optimiser = optax.adam(_settings(config).learning_rate)
     learned = Learned(value, jax.tree.map(jnp.copy, value), optimiser.init(value))
@@ -102,6 +102,11 @@ def _best(config: TrainConfig, value: Params, observation: jax.Array) -> jax.Arr
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
     """The best action for each observation (B, D)."""
     return _best(config, state.learned.value, observation)
+
+
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return State(Learned(state.learned.value, NOTHING, NOTHING), NOTHING, state.made)
 
 
 def targets(config: TrainConfig, learned: Learned, batch: Transition) -> jax.Array:

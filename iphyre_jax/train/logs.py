@@ -86,9 +86,14 @@ def _board(folder: Path, update: int) -> Any:  # noqa: ANN401 - tensorboardX has
 
 def replace_text(path: Path, text: str) -> None:
     """Write a file in place of an older one, so that it is whole at any moment."""
+    replace_bytes(path, text.encode())
+
+
+def replace_bytes(path: Path, content: bytes) -> None:
+    """Write a file in place of an older one, so that it is whole at any moment."""
     new = path.with_name(f".{path.name}")
-    with new.open("w", encoding="utf-8") as file:
-        file.write(text)
+    with new.open("wb") as file:
+        file.write(content)
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)

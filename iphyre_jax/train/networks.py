@@ -17,6 +17,8 @@ Params = Any  # a network's tree of arrays
 
 POLICY_SCALE = 0.01  # small last layer: the first policy is the action head's prior, for every scene
 VALUE_SCALE = 1.0
+NOTHING: Any = ()  # in place of arrays that are not there
+CONTRAST = 2.0  # factor of centred observations
 SAME_PLACE = 1e-3  # of the screen: nearer than this, an object stands where a slot's block does
 HEADS = 4  # of attention
 
@@ -36,6 +38,7 @@ class Perceptron(nn.Module):
         shape: of the outputs.
         scale: of the last layer's weights at the start.
         dueling: the last layer as a value and the deviations of each output from their mean.
+        centred: the mean of the observations that it is initialised with is subtracted from all that come.
     """
 
     hidden: Sequence[int]
@@ -43,11 +46,15 @@ class Perceptron(nn.Module):
     shape: tuple[int, ...]
     scale: float
     dueling: bool = False
+    centred: bool = False
 
     @nn.compact
     def __call__(self, observation: jax.Array) -> jax.Array:
         """(B, D) float32 observations -> (B, *shape) float32."""
         x = observation
+        if self.centred:  # games look much alike: without this, what is learned of one holds for all of them
+            centre = self.param("centre", lambda _: observation.mean(axis=0, keepdims=True))
+            x = CONTRAST * (x - jax.lax.stop_gradient(centre))
         for width in self.hidden:
             x = ACTIVATIONS[self.activation](_dense(width, 2.0**0.5)(x))
         outputs = _dense(math.prod(self.shape), self.scale)(x)
@@ -148,4 +155,4 @@ def network(config: TrainConfig, shape: tuple[int, ...], scale: float, *, duelin
     """The network of a configuration with outputs of a shape."""
     if config.network == "objects":
         return ObjectNetwork(config.hidden, shape, scale)
-    return Perceptron(config.hidden, config.activation, shape, scale, dueling)
+    return Perceptron(config.hidden, config.activation, shape, scale, dueling, config.centred)

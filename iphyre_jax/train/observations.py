@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
+from iphyre_jax.env import observation_table
 from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE
 from iphyre_jax.envs.strategies import STRATEGIES, StrategyName
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS
+from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
 SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE
 
@@ -42,7 +45,10 @@ def slot_mask(observation: jax.Array) -> jax.Array:
     return parts(observation).candidates.any(axis=-1)
 
 
-def observation_size(strategy: StrategyName, observation: str) -> int:
-    """Numbers in an observation of a strategy."""
-    no_op = 2 if STRATEGIES[strategy].no_op_candidate else 0
-    return ROWS_SIZE + no_op + SLOTS_SIZE + (MOTION_SIZE if observation == "motion" else 0)
+def start_observations(strategy: StrategyName, observation: str, scenes: Sequence[str | Scene]) -> jax.Array:
+    """(S, D) float32: what each of S scenes looks like to a strategy at the start; time and no-op are 0."""
+    table = observation_table(scenes)
+    rows, candidates = table[:, :ROWS_SIZE], table[:, ROWS_SIZE:]
+    no_op = np.zeros((len(table), 2 if STRATEGIES[strategy].no_op_candidate else 0), np.float32)
+    motion = np.zeros((len(table), MOTION_SIZE if observation == "motion" else 0), np.float32)
+    return jnp.asarray(np.concatenate([rows, no_op, candidates, motion], axis=1))

@@ -27,7 +27,7 @@ from iphyre_jax.train.actor_critic import Batch, batch_of, entropy_weight, minib
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import action_head
-from iphyre_jax.train.networks import Params
+from iphyre_jax.train.networks import NOTHING, Params
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings import PPO
 
@@ -49,7 +49,7 @@ def _settings(config: TrainConfig) -> PPO:
 
 
 def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observation (1, D) gives the sizes."""
+    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
     params = actor_critic.init_params(config, key, observation)
     optimiser = actor_critic.optimiser(config, _settings(config).epochs)
     weight = jnp.asarray(_settings(config).kl_weight, jnp.float32)
@@ -64,6 +64,11 @@ def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Arra
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
     """The most probable action for each observation (B, D)."""
     return actor_critic.greedy(config, state.params, observation)
+
+
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return state._replace(params={"policy": state.params["policy"]}, optimiser=NOTHING)
 
 
 def clipped_objective(ratio: jax.Array, advantage: jax.Array, clip: float) -> jax.Array:

@@ -29,44 +29,61 @@ _FLY: Final[dict[str, Any]] = {
     "episodes_per_scene": 32,
 }
 _CRITIC: Final[dict[str, Any]] = {"critic": True, "rows": 8192, "discount": 1.0, "trace": 0.95}
+_EXPLORING: Final[dict[str, Any]] = {"entropy": 0.15, "std_floor": 10.0}  # or it removes blocks that might stay
 
 DEFAULT: Final[Table] = MappingProxyType(
     {
         ("ppo", "in-advance"): {"learner": PPO()},
-        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64},
-        ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003)},
-        ("a2c", "in-advance"): {"learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05), "updates": 150},
+        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64, "updates": 50},
+        ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003), "updates": 60},
+        ("a2c", "in-advance"): {"learner": A2C(**_EXPLORING), "episodes_per_scene": 32, "updates": 300},
         ("a2c", "combined"): {
-            "learner": A2C(learning_rate=3e-4, minibatches=4, entropy=0.05, rows=1024),
-            "episodes_per_scene": 64,
-            "updates": 150,
+            "learner": A2C(**_EXPLORING, rows=512),
+            "episodes_per_scene": 32,
+            "updates": 300,
         },
-        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003)},
+        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003, minibatches=16), "updates": 40},
         ("sac", "in-advance"): {
             "head": "squashed",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
             "learner": SAC(learning_rate=1e-3),
         },
         ("sac", "combined"): {
             "head": "squashed",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
-            "learner": SAC(learning_rate=1e-3, steps=128),
+            "updates": 100,
+            "learner": SAC(learning_rate=1e-3),
         },
         ("sac", "on-the-fly"): _FLY
-        | {"activation": "relu", "episodes_per_scene": 8, "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01)},
+        | {
+            "activation": "relu",
+            "episodes_per_scene": 8,
+            "updates": 40,
+            "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01),
+        },
         ("ddpg", "in-advance"): {
             "head": "point",
             "activation": "relu",
+            "hidden": (128, 128),
             "episodes_per_scene": 32,
-            "learner": DDPG(learning_rate=1e-3, noise_rounds=60),
+            "updates": 60,
+            "learner": DDPG(learning_rate=1e-3, noise_rounds=40),
         },
         ("dqn", "on-the-fly"): _FLY
-        | {"activation": "relu", "episodes_per_scene": 8, "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01)},
+        | {
+            "activation": "relu",
+            "episodes_per_scene": 8,
+            "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01, epsilon_rounds=25),
+            "updates": 40,
+        },
         ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
         ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2, "head": "categorical"},
+        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
+        | {"head": "categorical", "observation": "motion"},  # of which it looks at nothing
     }
 )
 
@@ -198,4 +215,5 @@ def preset(
     if (agent, strategy) not in table:
         known = ", ".join(f"{one} {other}" for one, other in table)
         raise ValueError(f"agent, strategy: expected one of {known}; got {agent} {strategy}")
-    return replace(TrainConfig(), agent=agent, strategy=strategy, preset=name, **table[agent, strategy])
+    base = TrainConfig(agent=agent, strategy=strategy, preset=name, centred=name == "default")
+    return replace(base, **table[agent, strategy])

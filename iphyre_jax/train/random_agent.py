@@ -52,6 +52,11 @@ def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Arr
     return jnp.zeros(observation.shape[0], jnp.int32)
 
 
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return state
+
+
 def learn(
     config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
 ) -> tuple[State, Metrics]:

@@ -22,7 +22,7 @@ from iphyre_jax.train import replay
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import CategoricalHead, action_head
-from iphyre_jax.train.networks import POLICY_SCALE, VALUE_SCALE, Params, network
+from iphyre_jax.train.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params, network
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.replay import Transition, weighted
 from iphyre_jax.train.settings import SAC
@@ -98,9 +98,11 @@ def _optimiser(config: TrainConfig) -> optax.GradientTransformation:
 
 
 def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observation (1, D) gives the sizes."""
+    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
     keys, head = jax.random.split(key, 3), action_head(config.head)
-    choice = jnp.zeros((1,), jnp.int32) if _discrete(config) else jnp.zeros((1, head.shape[0]), jnp.float32)
+    choice = (
+        jnp.zeros((1,), jnp.int32) if _discrete(config) else jnp.zeros((len(observation), head.shape[0]), jnp.float32)
+    )
     seen = observation if _discrete(config) else jnp.concatenate([observation, choice], axis=-1)
     values = tuple(_value(config).init(one, seen) for one in keys[1:])
     params = {
@@ -134,6 +136,11 @@ def _best(config: TrainConfig, policy: Params, observation: jax.Array) -> jax.Ar
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
     """The most probable action for each observation (B, D)."""
     return _best(config, state.learned.params["policy"], observation)
+
+
+def acting(state: State) -> State:
+    """The state with nothing left in it but what `act` and `greedy` look at."""
+    return State(Learned({"policy": state.learned.params["policy"]}, NOTHING, NOTHING), NOTHING)
 
 
 def targets(config: TrainConfig, learned: Learned, key: jax.Array, batch: Transition) -> jax.Array:

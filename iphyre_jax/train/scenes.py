@@ -8,11 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from iphyre_jax.scenes import Scene, load_scene, vary
+from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene, vary
 from iphyre_jax.train.config import TrainConfig
 
 GROUP: Final = 32  # episodes of one variation that are compared with one another
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by
+STRENGTHS: Final = (1.0, 0.5, 0.25)  # of these limits, each tried if all variations within the one before are refused
 STREAM: Final = 7919  # added to the seed: variations draw other numbers than anything else
 
 
@@ -28,21 +29,33 @@ def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Sc
     rng = np.random.default_rng([config.seed, update])
     scenes: list[str | Scene] = []
     for game in config.training_games:
-        pool = variations(game, config.variations, config.seed + STREAM)
+        pool = variations(game, config.variations, config.seed + STREAM, config.added_blocks)
         drawn = rng.integers(len(pool), size=groups - 1)
         scenes += [game, *(pool[k] for k in drawn)] if groups > 1 else [pool[int(rng.integers(len(pool)))]]
     return scenes, config.episodes_per_scene // groups
 
 
 @cache
-def variations(game: str, count: int, seed: int) -> tuple[Scene, ...]:
-    """About so many variations of a game; those that are not valid are left out.
+def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple[Scene, ...]:
+    """About so many variations of a game, as many with each number of added blocks; not valid ones are left out.
 
     Raises:
         ValueError: none of them is valid; one line.
     """
     scene = load_scene(game)
-    found = vary(scene, count, seed=seed, shift_px=SHIFT, scale_by=SCALE, jitter_px=JITTER).scenes
-    if not found:
-        raise ValueError(f"variations: expected some valid ones of {game}, got none of {count}")
-    return found
+    each, most = -(-count // (added_blocks + 1)), min(added_blocks, MAX_OBJECTS - scene.n_objects)
+    for strength in STRENGTHS:
+        found: list[Scene] = []
+        for extra in range(most + 1):
+            found += vary(
+                scene,
+                each,
+                seed=seed + extra,
+                shift_px=SHIFT * strength,
+                scale_by=SCALE**strength,
+                jitter_px=JITTER * strength,
+                extra_blocks=extra,
+            ).scenes
+        if found:
+            return tuple(found)
+    raise ValueError(f"variations: expected some valid ones of {game}, got none of {count}")

@@ -64,7 +64,7 @@ class A2C(PolicyGradient):
     """Advantage actor-critic: the plain policy gradient, each decision used once."""
 
     max_grad_norm: float = 0.5
-    minibatches: int = 16
+    minibatches: int = 1
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from iphyre_jax.env import play
 from iphyre_jax.train.collect import Decision, Plans, Worlds, collector
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.presets import preset
-from iphyre_jax.train.scenes import training_scenes
+from iphyre_jax.train.scenes import training_scenes, variations
 
 GAMES = ("hinder", "hole")  # of one topology
 EPISODES = 8
@@ -91,6 +91,8 @@ def test_variations_take_the_place_of_games_by_seed_and_round() -> None:
     assert (len(scenes), episodes) == (4, 32)
     assert scenes[0] == "support"
     again, _ = training_scenes(config, 5)
+    added = [scene.n_objects for scene in variations("support", 40, 1, 2)]
+    assert set(added) == {load_scene("support").n_objects + extra for extra in range(3)}
     other, _ = training_scenes(config, 6)
     assert list(scenes) == list(again)
     assert list(scenes) != list(other)

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from iphyre_jax.env import observation_table
+from iphyre_jax.scenes import load_scene
 from iphyre_jax.train import actor_critic
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.networks import ObjectNetwork, Perceptron
-from iphyre_jax.train.observations import observation_size, parts, slot_mask
+from iphyre_jax.train.observations import parts, slot_mask, start_observations
 from iphyre_jax.train.presets import preset
 
 SEEN = jnp.asarray(observation_table(("hole", "multi_ball_spring")))
@@ -33,6 +34,18 @@ def test_a_dueling_network_parts_value_from_deviations() -> None:
     layers = jax.tree.map(np.asarray, params["params"])
     hidden = np.maximum(np.asarray(SEEN) @ layers["Dense_0"]["kernel"] + layers["Dense_0"]["bias"], 0)
     np.testing.assert_allclose(outputs.mean(axis=-1), (hidden @ layers["Dense_2"]["kernel"])[:, 0], atol=1e-5)
+
+
+def test_a_centred_network_takes_away_what_it_was_initialised_with() -> None:
+    given = {"hidden": (16,), "activation": "relu", "shape": (3,), "scale": 1.0}
+    plain, centred = Perceptron(**given), Perceptron(**given, centred=True)  # type: ignore[arg-type]
+    params = centred.init(jax.random.key(0), SEEN)
+    layers = {"params": {name: value for name, value in params["params"].items() if name != "centre"}}
+    other = SEEN[:1] + 0.1
+    expected = plain.apply(layers, 2.0 * (other - SEEN.mean(axis=0, keepdims=True)))
+    np.testing.assert_allclose(centred.apply(params, other), expected, atol=1e-5)
+    change = jax.grad(lambda given: centred.apply(given, other).sum())(params)  # type: ignore[attr-defined]
+    assert not np.asarray(change["params"]["centre"]).any()  # it stays what it is
 
 
 def shuffled(seen: jax.Array) -> jax.Array:
@@ -63,8 +76,7 @@ def test_the_first_policy_is_the_prior_for_every_scene() -> None:
 def test_masks_are_found_in_every_kind_of_observation() -> None:
     for strategy in ("in-advance", "combined", "on-the-fly"):
         for observation in ("official", "motion"):
-            size = observation_size(strategy, observation)  # type: ignore[arg-type]
-            start = 108 + (2 if strategy == "on-the-fly" else 0)
-            seen = jnp.zeros((1, size)).at[0, start : start + 4].set(0.5)
-            np.testing.assert_array_equal(slot_mask(seen)[0], [True, True, False, False, False, False])
+            seen = start_observations(strategy, observation, ["hole", "support"])  # type: ignore[arg-type]
+            blocks = [len(load_scene(game).eliminable_blocks) for game in ("hole", "support")]
+            np.testing.assert_array_equal(slot_mask(seen).sum(axis=1), blocks)
     assert preset("ppo", "on-the-fly").observation == "motion"

@@ -1,0 +1,82 @@
+"""Policies that ship with the package: stored, loaded as data, refused when damaged, and as good as they say."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from iphyre_jax.train import trainer
+from iphyre_jax.train.config import AGENTS
+from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.observations import start_observations
+from iphyre_jax.train.presets import preset
+from iphyre_jax.train.pretrained import load_pretrained, names, rounded, save_pretrained
+from iphyre_jax.train.report import paper_name
+from iphyre_jax.train.results import rows
+
+GAMES = ("support", "direction")
+NONE: dict[str, Any] = {"splits": {}, "games": [], "faults": 0}
+LEARNING = [(agent, strategies[0]) for agent, strategies in AGENTS.items() if agent != "random"]
+
+
+@pytest.mark.parametrize(("agent", "strategy"), LEARNING)
+def test_a_policy_without_its_learner_acts_the_same(agent: str, strategy: str, tmp_path: Path) -> None:
+    config = dataclasses.replace(preset(agent, strategy), hidden=(16,))  # type: ignore[arg-type]
+    state = trainer.start(config).learner
+    save_pretrained("one", config, rounded(config, state), NONE, {}, tmp_path)
+    stored = load_pretrained("one", tmp_path)
+    seen = start_observations(config.strategy, config.observation, GAMES)
+    greedy = trainer.algorithm(config).greedy(config, state, seen)
+    np.testing.assert_allclose(stored.greedy(seen), greedy, atol=0.01)
+    assert stored.act(jax.random.key(0), seen).shape == greedy.shape
+
+
+def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> None:
+    config = dataclasses.replace(preset(), hidden=(16,))
+    save_pretrained("one", config, rounded(config, trainer.start(config).learner), NONE, {}, tmp_path)
+    arrays, described = tmp_path / "one.npz", tmp_path / "one.json"
+    raw, text = arrays.read_bytes(), described.read_text()
+    with pytest.raises(ValueError, match="pretrained: expected one of one; got 'two'"):
+        load_pretrained("two", tmp_path)
+    for place in range(0, len(raw), len(raw) // 20):
+        arrays.write_bytes(raw[:place] + bytes([raw[place] ^ 1]) + raw[place + 1 :])
+        with pytest.raises(ValueError, match="damaged: it does not have the SHA-256 sum"):
+            load_pretrained("one", tmp_path)
+    arrays.write_bytes(raw)
+    content = json.loads(text)
+    for wrong, message in (
+        ({**content, "version": 2}, "expected schema"),
+        ({key: content[key] for key in content if key != "scores"}, "scores is missing"),
+        ({**content, "settings": {**content["settings"], "hidden": [8]}}, "expected shape"),
+        ({**content, "settings": {**content["settings"], "centred": False}}, "centre: not expected"),
+    ):
+        described.write_text(json.dumps(wrong))
+        with pytest.raises(ValueError, match=message) as error:
+            load_pretrained("one", tmp_path)
+        assert "\n" not in str(error.value)
+
+
+def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
+    agents = {paper_name(config).lower() for config in rows().values() if config.agent != "random"}
+    assert agents <= set(names()) <= set(rows())
+    for name in names():
+        policy = load_pretrained(name)
+        assert dataclasses.replace(policy.config, seed=0) == rows()[name]
+        assert name.startswith(paper_name(policy.config).lower())
+        assert set(policy.scores["splits"]) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic", "all"}
+
+
+@pytest.mark.parametrize("name", ["ppo-i", "ddpg-i"])
+def test_a_policy_reaches_the_scores_that_it_ships_with(name: str) -> None:
+    policy = load_pretrained(name)
+    found = evaluate(policy.config, policy.state, GAMES)
+    shipped = {game["game"]: game["greedy"]["reward"] for game in policy.scores["games"]}
+    for game in found.games:
+        assert game.greedy.success
+        assert game.greedy.reward == pytest.approx(shipped[game.game], abs=0.5)
