@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -80,7 +80,7 @@ def collector(config: TrainConfig, games: Sequence[str | Scene]) -> Collector:
     """The way to play some games, or scenes of one's own, under a configuration's strategy."""
     if config.strategy == "in-advance":
         return Plans(config, games)
-    return Worlds(config, [game if isinstance(game, str) else game.name for game in games])
+    return Worlds(config, games)
 
 
 class Plans:
@@ -128,19 +128,20 @@ class Worlds:
     """On the fly and combined: decision after decision, in the environments of `iphyre_jax.envs`.
 
     A program steps LANES worlds of one topology, among all games of the package that have it; so it does not depend on
-    the agent, the split or the number of episodes, and is compiled once for all of them.
+    the agent, the split or the number of episodes, and is compiled once for all of them. Scenes of one's own have
+    programs of their own.
     """
 
-    def __init__(self, config: TrainConfig, games: Sequence[str]) -> None:
+    def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._strategy = config.strategy
         self._timing = Timing("train", config.fps, config.resets)
         self._observation = config.observation
-        self._games = tuple(games)
+        self._scenes = tuple(load_scene(scene) for scene in scenes)
 
     def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
         """See `Collector`."""
         chunks = self._chunks(episodes)
-        lane_of = np.empty(len(self._games) * episodes, np.int64)
+        lane_of = np.empty(len(self._scenes) * episodes, np.int64)
         lane_of[np.concatenate([chunk.episode for chunk in chunks])] = np.arange(len(chunks) * LANES)
         take, give = jnp.asarray(lane_of), [jnp.asarray(chunk.episode) for chunk in chunks]
         begun = [_begin(chunk.environment, chunk.game, chunk.params) for chunk in chunks]
@@ -165,26 +166,38 @@ class Worlds:
 
     def _chunks(self, episodes: int) -> list[_Chunk]:
         """Sort the episodes into chunks of one topology."""
-        tables = _tables(self._strategy, self._timing, self._observation)
-        where = {game: (env, row) for env, (names, _) in tables.items() for row, game in enumerate(names)}
-        groups: dict[Environment, list[int]] = {}
-        for index, game in enumerate(self._games):
-            groups.setdefault(where[game][0], []).extend(range(index * episodes, (index + 1) * episodes))
+        package = tuple(load_scene(game) for games in SPLITS.values() for game in games)
+        own = tuple(scene for scene in self._scenes if scene not in package)
+        tables = [_tables(self._strategy, self._timing, self._observation, scenes) for scenes in (package, own)]
+        where = {
+            scene: (table, env, row)
+            for table, groups in enumerate(tables)
+            for env, (scenes, _) in groups.items()
+            for row, scene in enumerate(scenes)
+        }
+        groups: dict[tuple[int, Environment], list[int]] = {}
+        for index, scene in enumerate(self._scenes):
+            groups.setdefault(where[scene][:2], []).extend(range(index * episodes, (index + 1) * episodes))
         chunks = []
-        for environment, members in groups.items():
+        for (table, environment), members in groups.items():
             for start in range(0, len(members), LANES):
                 part = np.array(members[start : start + LANES])
                 episode = part[np.minimum(np.arange(LANES), len(part) - 1)]
-                lanes = jnp.asarray([where[self._games[index]][1] for index in episode // episodes], jnp.int32)
-                chunks.append(_Chunk(environment, tables[environment][1], lanes, episode))
+                lanes = jnp.asarray([where[self._scenes[index]][2] for index in episode // episodes], jnp.int32)
+                chunks.append(_Chunk(environment, tables[table][environment][1], lanes, episode))
         return chunks
 
 
-@cache
-def _tables(strategy: str, timing: Timing, observation: Any) -> dict[Environment, tuple[tuple[str, ...], EnvParams]]:  # noqa: ANN401
-    """An environment for every topology of the package's games, with their names and parameters."""
+@lru_cache(maxsize=4)  # the package's, and few of one's own: variations may be new in every round
+def _tables(
+    strategy: str,
+    timing: Timing,
+    observation: Any,  # noqa: ANN401
+    scenes: tuple[Scene, ...],
+) -> dict[Environment, tuple[tuple[Scene, ...], EnvParams]]:
+    """An environment for every topology of the scenes, with those that have it and their parameters."""
     groups: dict[Environment, list[Scene]] = {}
-    for scene in (load_scene(game) for games in SPLITS.values() for game in games):
+    for scene in scenes:
         mixture = mixture_of([scene], timing, "float32")
         environment = Environment(
             name="train",
@@ -197,8 +210,7 @@ def _tables(strategy: str, timing: Timing, observation: Any) -> dict[Environment
         )
         groups.setdefault(environment, []).append(scene)
     return {
-        env: (tuple(scene.name for scene in scenes), make_params(scenes, env.mixture, timing, "float32"))
-        for env, scenes in groups.items()
+        env: (tuple(members), make_params(members, env.mixture, timing, "float32")) for env, members in groups.items()
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -49,8 +51,11 @@ def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> N
 
 
 def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray, planned: np.ndarray) -> None:
-    """The strategy plans anew after each removal; planning the same again, it plays what the host plays."""
-    place = collector(preset("ppo", "combined"), GAMES)
+    """The strategy plans anew after each removal; planning the same again, it plays what the host plays.
+
+    In scenes of one's own too: these are the games under other names.
+    """
+    place = collector(preset("ppo", "combined"), [replace(load_scene(game), name=f"my {game}") for game in GAMES])
     assert isinstance(place, Worlds)
     actions = jnp.asarray(plans / 150, jnp.float32)
     trajectory, played = place.collect(lambda _, __: decided(actions), jax.random.key(0), EPISODES)
