@@ -15,6 +15,7 @@ from jax.sharding import Mesh
 from iphyre_jax import programs
 from iphyre_jax.meshes import Share, agree, gather, share_of
 from iphyre_jax.physics.broadphase import Counters
+from iphyre_jax.physics.types import Topology
 from iphyre_jax.reward import episode_reward
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
@@ -24,10 +25,18 @@ SceneLike = str | PathLike[str] | Scene
 
 _DTYPES = ("float32", "float64")
 
-# Contact slots as shares of the topology's, rounded up: time and compile time grow with them. Plays get five eighths,
-# which is what random plans of the forty games need at most (9 of 16, 8 of 12, 4 of 8, 2 of 4). A play that needs more
-# is played again with the next share. Of 2000 crowded random scenes 8 need more than all, 21 slots where there were 16.
-ROOMS = (0.625, 1, 2, 4)
+# Time and compile time grow with the contact slots, so a play gets few of them, and more when it needs them: as many as
+# its topology has, then two and four times as many. Of 2000 crowded random scenes 8 need more than their topology has.
+TIMES = (1, 2, 4)
+
+
+def few_slots(topology: Topology) -> int:
+    """Return how many contact points a play has room for at first.
+
+    None of 800,000 random plans of the forty games at 10 fps needs more: at most 2 with one ball, 4 with two, 8 with a
+    bar and a ball, 9 in all others.
+    """
+    return min(10, 2 * topology.balls + 6 * topology.bars)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +48,7 @@ class Simulation:
         steps: (B,) int64, physics steps made, the solving one included.
         eliminations: (B,) int64, blocks removed by then.
         reward: (B,) float64, 1000 success - 10 eliminations - steps / fps.
-        fault: (B,) int64, 0 if sound, 1 more contact points than the last of `ROOMS` has slots, 2 not finite; a
+        fault: (B,) int64, 0 if sound, 1 more contact points than four times its topology's slots, 2 not finite; a
             faulted world stops, unsolved.
         samples: (B, K, N, 3) of the simulation's dtype, x, y (px) and angle (rad) of every object at the start and
             after every `sample_every` steps; NaN from the first sample after an object's removal; the last pose
@@ -223,10 +232,10 @@ def _simulate(
                 samples[chunk.rows[at], :, : scenes[kind].n_objects] = poses
 
     left = np.arange(size)
-    for room in ROOMS:
+    for times_slots in (None, *TIMES):
         if not left.size:
             break
-        chunks = _chunks(scenes, which, plan, settings, left, room, share.lanes)
+        chunks = _chunks(scenes, which, plan, settings, left, times_slots, share.lanes)
         dealt = [chunks[rank :: share.ranks] for rank in range(share.ranks)]
         programs.run_all(play, dealt[share.rank])
         rows = [np.concatenate([left[:0], *(chunk.rows for chunk in part)]) for part in dealt]
@@ -243,12 +252,12 @@ def _chunks(
     plan: npt.NDArray[np.int32],
     settings: _Settings,
     wanted: npt.NDArray[np.integer[Any]],
-    room: float,
+    times_slots: int | None,
     lanes: int,
 ) -> list[programs.Chunk]:
     """Sort the wanted plans by topology, scene and likeness and cut them into chunks; the costliest come first.
 
-    room: share of a topology's contact slots, see `ROOMS`; lanes: the most worlds of a chunk.
+    times_slots: of a topology's contact slots, see `TIMES`; None for few of them; lanes: the most worlds of a chunk.
     """
     built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
     groups: dict[Any, list[int]] = {}
@@ -259,12 +268,14 @@ def _chunks(
         if settings.steps > (limit := Counters(topology.moving).max_steps):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
         rows = np.concatenate([_alike(wanted[which[wanted] == k], plan) for k in members])
-        roomy = replace(topology, slots=math.ceil(room * topology.slots))
+        slots = few_slots(topology) if times_slots is None else times_slots * topology.slots
         local = np.searchsorted(members, which[rows])
         worlds = tuple(built[k][1] for k in members)
         for start in range(0, len(rows), lanes):
             part = slice(start, start + lanes)
-            chunks.append(programs.Chunk(roomy, worlds, local[part], plan[rows[part]], rows[part]))
+            chunks.append(
+                programs.Chunk(replace(topology, slots=slots), worlds, local[part], plan[rows[part]], rows[part])
+            )
     return chunks
 
 
