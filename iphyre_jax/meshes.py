@@ -106,18 +106,15 @@ def compiled(
     return jax.jit(spread, in_shardings=given, out_shardings=made).lower(*arguments).compile()
 
 
-def agree(share: Share, *call: object) -> None:
+def agree(*call: object) -> None:
     """Make sure that all processes have made the same call.
 
     Args:
-        share: what this process has.
         call: arrays, and values whose `repr` tells all.
 
     Raises:
         ValueError: they have not; one line, in every process.
     """
-    if share.ranks == 1:
-        return
     digest = hashlib.sha256()
     for part in call:
         digest.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
@@ -134,8 +131,6 @@ def gather(share: Share, rows: Sequence[npt.NDArray[np.integer[Any]]], array: np
         rows: for each rank, the rows that are its own.
         array: (B, ...), of any type.
     """
-    if share.ranks == 1:
-        return
     own = np.zeros((max(map(len, rows)), *array.shape[1:]), array.dtype)
     own[: len(rows[share.rank])] = array[rows[share.rank]]
     with jax.enable_x64(True):

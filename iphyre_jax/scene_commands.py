@@ -12,7 +12,6 @@ from rich.console import Console
 
 from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
 from iphyre_jax.scenes.geometry import remarks
-from iphyre_jax.scenes.limits import OFFICIAL
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,9 @@ def run(command: SceneCommand, console: Console) -> None:
 
 def _limits(check: Check) -> Limits | None:
     """Return the limits that the options set; None if they set none."""
-    if check.max_objects is None and check.max_blocks is None:
-        return None
-    objects = OFFICIAL.objects if check.max_objects is None else check.max_objects
-    return Limits(objects, OFFICIAL.blocks if check.max_blocks is None else check.max_blocks)
+    options = {"objects": check.max_objects, "blocks": check.max_blocks}
+    given = {name: most for name, most in options.items() if most is not None}
+    return Limits(**given) if given else None
 
 
 def _describe(path: Path, limits: Limits | None, console: Console) -> None:

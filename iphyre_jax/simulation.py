@@ -25,18 +25,17 @@ SceneLike = str | PathLike[str] | Scene
 
 _DTYPES = ("float32", "float64")
 
-# Time and compile time grow with the contact slots, so a play gets few of them, and more when it needs them: as many as
-# its topology has, then two and four times as many. Of 2000 crowded random scenes 8 need more than their topology has.
-TIMES = (1, 2, 4)
+ATTEMPTS = 4  # at a play that needs more contact slots than it was given
 
 
-def few_slots(topology: Topology) -> int:
-    """Return how many contact points a play has room for at first.
+def _slots(topology: Topology) -> tuple[int, ...]:
+    """Return the contact slots of each attempt: few, for time and compile time grow with them, then more and more.
 
-    None of 800,000 random plans of the forty games at 10 fps needs more: at most 2 with one ball, 4 with two, 8 with a
-    bar and a ball, 9 in all others.
+    None of 800,000 random plans of the forty games at 10 fps needs a second attempt: at most 2 slots with one ball, 4
+    with two, 8 with a bar and a ball, 9 in all others. Of 2000 crowded random scenes 8 need a third.
     """
-    return min(10, 2 * topology.balls + 6 * topology.bars)
+    few = min(10, 2 * topology.balls + 6 * topology.bars)
+    return few, topology.slots, 2 * topology.slots, 4 * topology.slots
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +200,8 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
 def _simulate(
     scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings, share: Share
 ) -> Simulation:
-    agree(share, [scene_to_dict(scene) for scene in scenes], which, plan, settings)
+    if share.ranks > 1:
+        agree([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     size = len(plan)
     success = np.zeros(size, bool)
     counts = {name: np.zeros(size, np.int64) for name in ("steps", "eliminations", "fault")}
@@ -232,15 +232,16 @@ def _simulate(
                 samples[chunk.rows[at], :, : scenes[kind].n_objects] = poses
 
     left = np.arange(size)
-    for times_slots in (None, *TIMES):
+    for attempt in range(ATTEMPTS):
         if not left.size:
             break
-        chunks = _chunks(scenes, which, plan, settings, left, times_slots, share.lanes)
+        chunks = _chunks(scenes, which, plan, settings, left, attempt, share.lanes)
         dealt = [chunks[rank :: share.ranks] for rank in range(share.ranks)]
         programs.run_all(play, dealt[share.rank])
-        rows = [np.concatenate([left[:0], *(chunk.rows for chunk in part)]) for part in dealt]
-        for array in (success, *counts.values(), *([] if samples is None else [samples])):
-            gather(share, rows, array)
+        if share.ranks > 1:
+            rows = [np.concatenate([left[:0], *(chunk.rows for chunk in part)]) for part in dealt]
+            for array in (success, *counts.values(), *([] if samples is None else [samples])):
+                gather(share, rows, array)
         left = left[counts["fault"][left] == FAULT_OVERFLOW]
     reward = episode_reward(success, counts["eliminations"], counts["steps"], settings.fps)
     return Simulation(success, counts["steps"], counts["eliminations"], reward, counts["fault"], samples)
@@ -252,12 +253,12 @@ def _chunks(
     plan: npt.NDArray[np.int32],
     settings: _Settings,
     wanted: npt.NDArray[np.integer[Any]],
-    times_slots: int | None,
+    attempt: int,
     lanes: int,
 ) -> list[programs.Chunk]:
     """Sort the wanted plans by topology, scene and likeness and cut them into chunks; the costliest come first.
 
-    times_slots: of a topology's contact slots, see `TIMES`; None for few of them; lanes: the most worlds of a chunk.
+    attempt: 0 for the first, see `_slots`; lanes: the most worlds of a chunk.
     """
     built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
     groups: dict[Any, list[int]] = {}
@@ -268,14 +269,12 @@ def _chunks(
         if settings.steps > (limit := Counters(topology.moving).max_steps):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
         rows = np.concatenate([_alike(wanted[which[wanted] == k], plan) for k in members])
-        slots = few_slots(topology) if times_slots is None else times_slots * topology.slots
+        roomy = replace(topology, slots=_slots(topology)[attempt])
         local = np.searchsorted(members, which[rows])
         worlds = tuple(built[k][1] for k in members)
         for start in range(0, len(rows), lanes):
             part = slice(start, start + lanes)
-            chunks.append(
-                programs.Chunk(replace(topology, slots=slots), worlds, local[part], plan[rows[part]], rows[part])
-            )
+            chunks.append(programs.Chunk(roomy, worlds, local[part], plan[rows[part]], rows[part]))
     return chunks
 
 

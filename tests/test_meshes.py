@@ -94,8 +94,8 @@ def test_rows_of_all_processes_are_gathered(second: tuple[meshes.Share, list[Any
 
 
 def test_processes_must_make_the_same_call(second: tuple[meshes.Share, list[Any]]) -> None:
-    share, first = second
-    meshes.agree(share, np.arange(3), "same")
+    _, first = second
+    meshes.agree(np.arange(3), "same")
     first.append(np.zeros(32, np.uint8))
     with pytest.raises(ValueError, match=r"^mesh: .* must all make the same call"):
-        meshes.agree(share, np.arange(3), "other")
+        meshes.agree(np.arange(3), "other")

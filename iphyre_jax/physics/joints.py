@@ -145,8 +145,7 @@ def close_holes(topology: Topology, world: World, state: State, alive: jax.Array
     holders = [_holder(world, k) for k in range(count)]
     going = jnp.stack([jnp.any(holder & state.alive & ~alive, axis=0) for holder in holders])
     column = jnp.stack([jnp.max(jnp.where(holder, world.column, -1), axis=0) for holder in holders])
-    index = jnp.arange(count, dtype=jnp.int32).reshape(count, *[1] * (going.ndim - 1))
-    turn = column * count + index
+    turn = column * count + lanes.iota(count, column[0])
 
     def take_first(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         place, going = carry

@@ -114,6 +114,14 @@ class Plans:
         )
 
 
+class _Table(NamedTuple):
+    """Scenes of one topology, as rows of the parameters of their environment."""
+
+    environment: Environment
+    params: EnvParams
+    scenes: tuple[Scene, ...]
+
+
 @dataclass(frozen=True)
 class _Chunk:
     """Lanes of one topology; those beyond the episodes it serves repeat the last one."""
@@ -135,8 +143,13 @@ class Worlds:
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._strategy = config.strategy
         self._timing = Timing("train", config.fps, config.resets)
-        self._observation = config.observation
         self._scenes = tuple(load_scene(scene) for scene in scenes)
+        package = tuple(load_scene(game) for games in SPLITS.values() for game in games)
+        own = tuple(scene for scene in self._scenes if scene not in package)
+        parts = (_tables(config.strategy, self._timing, config.observation, part) for part in (package, own))
+        self._tables = [table for part in parts for table in part]
+        where = {scene: (k, row) for k, table in enumerate(self._tables) for row, scene in enumerate(table.scenes)}
+        self._where = [where[scene] for scene in self._scenes]  # table and row of each scene
 
     def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
         """See `Collector`."""
@@ -166,36 +179,22 @@ class Worlds:
 
     def _chunks(self, episodes: int) -> list[_Chunk]:
         """Sort the episodes into chunks of one topology."""
-        package = tuple(load_scene(game) for games in SPLITS.values() for game in games)
-        own = tuple(scene for scene in self._scenes if scene not in package)
-        tables = [_tables(self._strategy, self._timing, self._observation, scenes) for scenes in (package, own)]
-        where = {
-            scene: (table, env, row)
-            for table, groups in enumerate(tables)
-            for env, (scenes, _) in groups.items()
-            for row, scene in enumerate(scenes)
-        }
-        groups: dict[tuple[int, Environment], list[int]] = {}
-        for index, scene in enumerate(self._scenes):
-            groups.setdefault(where[scene][:2], []).extend(range(index * episodes, (index + 1) * episodes))
+        groups: dict[int, list[int]] = {}
+        for index, (k, _) in enumerate(self._where):
+            groups.setdefault(k, []).extend(range(index * episodes, (index + 1) * episodes))
         chunks = []
-        for (table, environment), members in groups.items():
+        for k, members in groups.items():
             for start in range(0, len(members), LANES):
                 part = np.array(members[start : start + LANES])
                 episode = part[np.minimum(np.arange(LANES), len(part) - 1)]
-                lanes = jnp.asarray([where[self._scenes[index]][2] for index in episode // episodes], jnp.int32)
-                chunks.append(_Chunk(environment, tables[table][environment][1], lanes, episode))
+                rows = jnp.asarray([self._where[index][1] for index in episode // episodes], jnp.int32)
+                chunks.append(_Chunk(self._tables[k].environment, self._tables[k].params, rows, episode))
         return chunks
 
 
 @lru_cache(maxsize=4)  # the package's, and few of one's own: variations may be new in every round
-def _tables(
-    strategy: str,
-    timing: Timing,
-    observation: Any,  # noqa: ANN401
-    scenes: tuple[Scene, ...],
-) -> dict[Environment, tuple[tuple[Scene, ...], EnvParams]]:
-    """An environment for every topology of the scenes, with those that have it and their parameters."""
+def _tables(strategy: str, timing: Timing, observation: Any, scenes: tuple[Scene, ...]) -> tuple[_Table, ...]:  # noqa: ANN401
+    """A table for every topology of the scenes."""
     groups: dict[Environment, list[Scene]] = {}
     for scene in scenes:
         mixture = mixture_of([scene], timing, "float32")
@@ -209,9 +208,10 @@ def _tables(
             autoreset=False,
         )
         groups.setdefault(environment, []).append(scene)
-    return {
-        env: (tuple(members), make_params(members, env.mixture, timing, "float32")) for env, members in groups.items()
-    }
+    return tuple(
+        _Table(env, make_params(members, env.mixture, timing, "float32"), tuple(members))
+        for env, members in groups.items()
+    )
 
 
 @partial(jax.jit, static_argnums=0)

@@ -66,9 +66,9 @@ class Pretrained:
         return algorithm(self.config).act(self.config, self.state, key, observation).action
 
 
-def names() -> tuple[str, ...]:
+def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     """The policies that there are."""
-    return tuple(sorted(file.stem for file in WEIGHTS.glob("*.npz")))
+    return tuple(sorted(file.stem for file in folder.glob("*.npz")))
 
 
 def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
@@ -79,8 +79,7 @@ def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
     """
     described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
     if not (described.is_file() and arrays.is_file()):
-        there = ", ".join(sorted(file.stem for file in folder.glob("*.npz"))) or "none"
-        raise ValueError(f"pretrained: expected one of {there}; got {name!r}")
+        raise ValueError(f"pretrained: expected one of {', '.join(names(folder)) or 'none'}; got {name!r}")
     content, raw = _described(described), arrays.read_bytes()
     if hashlib.sha256(raw).hexdigest() != content["sha256"]:
         raise ValueError(f"{arrays}: damaged: it does not have the SHA-256 sum of {described.name}")
