@@ -16,12 +16,20 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train import actor_critic
-from iphyre_jax.train.actor_critic import Batch, batch_of, entropy_weight, minibatches, norm, settings_of, weighted
+from iphyre_jax.train.actor_critic import (
+    Batch,
+    batch_of,
+    entropy_weight,
+    judged,
+    minibatches,
+    norm,
+    settings_of,
+    weighted,
+)
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import action_head
 from iphyre_jax.train.networks import NOTHING, Params
-from iphyre_jax.train.observations import slot_mask
 
 METRICS: Final = ("policy_loss", "value_loss", "entropy", "grad_norm")
 Metrics = dict[str, jax.Array]
@@ -56,13 +64,15 @@ def acting(state: State) -> State:
     return state._replace(params={"policy": state.params["policy"]}, optimiser=NOTHING)
 
 
-def loss(params: Params, config: TrainConfig, batch: Batch, entropy_bonus: jax.Array) -> tuple[jax.Array, Metrics]:
-    """The loss of a minibatch and what to report of it."""
-    settings, head, mask = settings_of(config), action_head(config.head), slot_mask(batch.observation)
-    given = actor_critic.outputs(config, params, batch.observation)
+def loss(
+    params: Params, config: TrainConfig, seen: jax.Array, batch: Batch, entropy_bonus: jax.Array
+) -> tuple[jax.Array, Metrics]:
+    """The loss of a minibatch of decisions about observations (R, D), and what to report of it."""
+    settings, head = settings_of(config), action_head(config.head)
+    given, value, mask = judged(config, params, seen, batch.row)
     log_prob = head.log_prob(given, batch.choice, mask)
     policy_loss = -weighted(log_prob * batch.advantage, batch.weight)
-    squares = jnp.square(actor_critic.value(config, params, batch.observation) - batch.target)
+    squares = jnp.square(value - batch.target)
     value_loss = weighted(squares, batch.weight) if settings.critic else jnp.zeros(())
     entropy = weighted(head.entropy(given, mask), batch.weight)
     total = policy_loss + settings.value_weight * value_loss - entropy_bonus * entropy
@@ -74,13 +84,14 @@ def learn(
     config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
 ) -> tuple[State, Metrics]:
     """Learn from a round's episodes of so many scenes; the new state and what to report, means over the minibatches."""
-    batch, optimiser = batch_of(config, trajectory, scenes), actor_critic.optimiser(config, 1)
+    seen, batch = batch_of(config, trajectory, scenes)
+    optimiser = actor_critic.optimiser(config, 1)
     bonus = entropy_weight(config, state.made)
     Carry = tuple[Params, optax.OptState]
 
     def step(carry: Carry, minibatch: Batch) -> tuple[Carry, Metrics]:
         params, moments = carry
-        gradient, metrics = jax.grad(loss, has_aux=True)(params, config, minibatch, bonus)
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, config, seen, minibatch, bonus)
         changes, moments = optimiser.update(gradient, moments, params)
         return (optax.apply_updates(params, changes), moments), {**metrics, "grad_norm": norm(gradient)}
 

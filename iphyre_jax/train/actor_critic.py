@@ -22,7 +22,7 @@ from iphyre_jax.train.settings import PolicyGradient
 class Batch(NamedTuple):
     """N decisions to learn from."""
 
-    observation: jax.Array  # (N, D)
+    row: jax.Array  # (N,) int32, of the round's observations
     choice: jax.Array  # (N, ...)
     log_prob: jax.Array  # (N,) under the policy that decided
     advantage: jax.Array  # (N,)
@@ -97,18 +97,39 @@ def entropy_weight(config: TrainConfig, made: jax.Array) -> jax.Array:
     return settings.entropy * (left if settings.anneal else jnp.ones_like(left))
 
 
-def batch_of(config: TrainConfig, trajectory: Trajectory, scenes: int) -> Batch:
-    """The decisions of a round, T x B of them, with their advantages."""
+def batch_of(config: TrainConfig, trajectory: Trajectory, scenes: int) -> tuple[jax.Array, Batch]:
+    """A round's observations (R, D), and its T x B decisions with their advantages.
+
+    In advance all plans of a scene are made from one observation, R = S; else each decision has its own, R = T x B.
+    """
     advantage, target = advantages(settings_of(config), trajectory, scenes)
+    seen = trajectory.observation[:-1].reshape(-1, trajectory.observation.shape[-1])
+    each = len(seen) // scenes if config.strategy == "in-advance" else 1
     whole = Batch(
-        trajectory.observation[:-1],
+        jnp.arange(len(seen), dtype=jnp.int32).reshape(advantage.shape) // each,
         trajectory.choice,
         trajectory.log_prob,
         advantage,
         target,
         trajectory.active.astype(jnp.float32),
     )
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
+    return seen[::each], jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
+
+
+def judged(
+    config: TrainConfig, params: Params, seen: jax.Array, row: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Outputs, values (N,) and slot masks (N, 6) for the observations (R, D) at rows (N,).
+
+    Where there are fewer observations than decisions, the networks see each observation once. What comes out is spread
+    by a product with ones and zeros, for the gradient of a gather is a scatter, which is slow on a CPU.
+    """
+    if len(seen) >= len(row):
+        seen = seen[row]
+        return outputs(config, params, seen), value(config, params, seen), slot_mask(seen)
+    of = jax.nn.one_hot(row, len(seen))
+    exactly = partial(jnp.einsum, "nr,r...->n...", of, precision=jax.lax.Precision.HIGHEST)
+    return exactly(outputs(config, params, seen)), exactly(value(config, params, seen)), slot_mask(seen)[row]
 
 
 def minibatches(config: TrainConfig, batch: Batch, key: jax.Array) -> Batch:

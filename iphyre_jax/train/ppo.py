@@ -23,12 +23,11 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train import actor_critic
-from iphyre_jax.train.actor_critic import Batch, batch_of, entropy_weight, minibatches, norm, weighted
+from iphyre_jax.train.actor_critic import Batch, batch_of, entropy_weight, judged, minibatches, norm, weighted
 from iphyre_jax.train.collect import Decision, Trajectory
 from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.distributions import action_head
 from iphyre_jax.train.networks import NOTHING, Params
-from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings import PPO
 
 METRICS: Final = ("policy_loss", "value_loss", "entropy", "kl", "clipped", "grad_norm")
@@ -77,15 +76,20 @@ def clipped_objective(ratio: jax.Array, advantage: jax.Array, clip: float) -> ja
 
 
 def loss(
-    params: Params, config: TrainConfig, batch: Batch, entropy_bonus: jax.Array, kl_weight: jax.Array
+    params: Params,
+    config: TrainConfig,
+    seen: jax.Array,
+    batch: Batch,
+    entropy_bonus: jax.Array,
+    kl_weight: jax.Array,
 ) -> tuple[jax.Array, Metrics]:
-    """The loss of a minibatch and what to report of it."""
-    settings, head, mask = _settings(config), action_head(config.head), slot_mask(batch.observation)
-    given = actor_critic.outputs(config, params, batch.observation)
+    """The loss of a minibatch of decisions about observations (R, D), and what to report of it."""
+    settings, head = _settings(config), action_head(config.head)
+    given, value, mask = judged(config, params, seen, batch.row)
     log_ratio = (head.log_prob(given, batch.choice, mask) - batch.log_prob) * batch.weight
     ratio = jnp.exp(log_ratio)
     policy_loss = -weighted(clipped_objective(ratio, batch.advantage, settings.clip), batch.weight)
-    squares = jnp.square(actor_critic.value(config, params, batch.observation) - batch.target)
+    squares = jnp.square(value - batch.target)
     if settings.value_clip:
         squares = jnp.minimum(squares, settings.value_clip)
     value_loss = weighted(squares, batch.weight) if settings.critic else jnp.zeros(())
@@ -108,14 +112,15 @@ def learn(
     config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
 ) -> tuple[State, Metrics]:
     """Learn from a round's episodes of so many scenes; the new state and what to report, means over the minibatches."""
-    settings, batch = _settings(config), batch_of(config, trajectory, scenes)
+    settings = _settings(config)
+    seen, batch = batch_of(config, trajectory, scenes)
     optimiser = actor_critic.optimiser(config, settings.epochs)
     bonus = entropy_weight(config, state.made)
     Carry = tuple[Params, optax.OptState]
 
     def step(carry: Carry, minibatch: Batch) -> tuple[Carry, Metrics]:
         params, moments = carry
-        gradient, metrics = jax.grad(loss, has_aux=True)(params, config, minibatch, bonus, state.kl_weight)
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, config, seen, minibatch, bonus, state.kl_weight)
         changes, moments = optimiser.update(gradient, moments, params)
         return (optax.apply_updates(params, changes), moments), {**metrics, "grad_norm": norm(gradient)}
 

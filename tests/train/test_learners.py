@@ -124,23 +124,24 @@ def test_clipped_objective_by_hand() -> None:
     np.testing.assert_allclose(ppo.clipped_objective(ratio, advantage, 0.2), [2.4, -3.0, 1.0, -1.6, 3.3], rtol=1e-6)
 
 
-def batch_for(config: TrainConfig, state: Any, advantage: list[float]) -> actor_critic.Batch:
-    seen = jnp.asarray(np.repeat(observations(config, Probe(("support", "hole"), 1, early_or_late))[0], 2, axis=0))
-    decision = actor_critic.act(config, state.params, jax.random.key(5), seen)
-    gain = jnp.asarray(advantage)
-    return actor_critic.Batch(seen, decision.choice, decision.log_prob, gain, gain, jnp.array([1.0, 1.0, 1.0, 0.0]))
+def batch_for(config: TrainConfig, state: Any, advantage: list[float]) -> tuple[jax.Array, actor_critic.Batch]:
+    seen = jnp.asarray(observations(config, Probe(("support", "hole"), 1, early_or_late))[0])
+    row = jnp.array([0, 0, 1, 1])
+    decision = actor_critic.act(config, state.params, jax.random.key(5), seen[row])
+    gain, there = jnp.asarray(advantage), jnp.array([1.0, 1.0, 1.0, 0.0])
+    return seen, actor_critic.Batch(row, decision.choice, decision.log_prob, gain, gain, there)
 
 
 def test_ppo_loss_before_the_first_step() -> None:
     """All ratios are 1: minus the mean advantage of what was there, minus the weighted entropy; nothing is clipped."""
     config = planner("ppo slots")
     state = init(config, jax.random.key(0))
-    batch = batch_for(config, state, [1.0, -0.5, 2.0, 100.0])
+    seen, batch = batch_for(config, state, [1.0, -0.5, 2.0, 100.0])
     zero = jnp.zeros(())
-    value, metrics = ppo.loss(state.params, config, batch, zero, zero)
+    value, metrics = ppo.loss(state.params, config, seen, batch, zero, zero)
     np.testing.assert_allclose(value, -2.5 / 3, rtol=1e-5)
     np.testing.assert_allclose([metrics["kl"], metrics["clipped"]], [0.0, 0.0], atol=1e-6)
-    weighted, _ = ppo.loss(state.params, config, batch, jnp.float32(0.5), zero)
+    weighted, _ = ppo.loss(state.params, config, seen, batch, jnp.float32(0.5), zero)
     np.testing.assert_allclose(weighted, -2.5 / 3 - 0.5 * float(metrics["entropy"]), rtol=1e-5)
 
 
@@ -148,12 +149,26 @@ def test_ppo_loss_of_another_policy_by_hand() -> None:
     """Plans that were half as probable when they were sampled: ratio 2, beyond the clip range."""
     config = planner("ppo slots")
     state = init(config, jax.random.key(0))
-    batch = batch_for(config, state, [1.0, 1.0, -1.0, 7.0])
+    seen, batch = batch_for(config, state, [1.0, 1.0, -1.0, 7.0])
     batch = batch._replace(log_prob=batch.log_prob - math.log(2))
-    value, metrics = ppo.loss(state.params, config, batch, jnp.zeros(()), jnp.float32(0.1))
+    value, metrics = ppo.loss(state.params, config, seen, batch, jnp.zeros(()), jnp.float32(0.1))
     kl = 2 - 1 - math.log(2)
     np.testing.assert_allclose(value, -(1.2 + 1.2 - 2.0) / 3 + 0.1 * kl, rtol=1e-4)
     np.testing.assert_allclose([metrics["kl"], metrics["clipped"]], [kl, 1.0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("network", ["perceptron", "objects"])
+def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
+    """Loss and gradient are those of the same observation given anew for each decision."""
+    config = planner("ppo slots", network=network)
+    state = init(config, jax.random.key(0))
+    seen, batch = batch_for(config, state, [1.0, -0.5, 2.0, 100.0])
+    one_each = batch._replace(row=jnp.arange(4))
+    differentiated = jax.value_and_grad(ppo.loss, has_aux=True)
+    few = differentiated(state.params, config, seen, batch, jnp.float32(0.5), jnp.zeros(()))
+    many = differentiated(state.params, config, seen[batch.row], one_each, jnp.float32(0.5), jnp.zeros(()))
+    for one, other in zip(jax.tree.leaves(few), jax.tree.leaves(many), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
 def test_the_weight_of_the_divergence_adapts() -> None:
