@@ -11,7 +11,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help venv run test test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
-	parity-official pictures wheel results bench clean
+	parity-official pictures wheel results results-paper bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -93,6 +93,9 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 
 results: .venv/.stamp ## train five seeds of every agent and write docs/results.md; goes on where it stopped
 	$(PY) -m iphyre_jax.train.results --weights iphyre_jax/train/weights
+
+results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results-paper.md
+	$(PY) -m iphyre_jax.train.results --preset paper --seeds 1
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks

@@ -15,6 +15,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.env import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import logs, runs
 from iphyre_jax.train.config import TrainConfig
@@ -50,10 +51,11 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset, action head, observation, and whether it was trained on variations."""
+        """Agent, preset, action head, observation, the network if it is not a perceptron, whether on variations."""
         config = self.config
-        varied = ", varied" if config.variations else ""
-        return f"{paper_name(config)} {config.preset}, {config.head}, {config.observation}{varied}"
+        parts = [f"{paper_name(config)} {config.preset}", config.head, config.observation]
+        parts += [config.network] if config.network != "perceptron" else []
+        return ", ".join([*parts, *(["varied"] if config.variations else [])])
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""
@@ -106,12 +108,13 @@ def _text(found: Summary | None, success: Summary | None) -> str:
 
 
 def table(found: Sequence[Row], kind: str) -> list[list[str]]:
-    """Cells of a table: name, seeds, splits; our rows, then the paper's for the same agents, people and oracle."""
+    """Cells of a table: name, seeds, splits; our rows, then the paper's people, oracle and, at 10 fps, same agents."""
     cells = []
     for row in found:
         each = [_text(row.summary(kind, split), row.summary(kind, split, "success")) for split in COLUMNS]
         cells.append([row.name, str(len(row.seeds)), *each])
-    names = dict.fromkeys(["Human", "Oracle", *(paper_name(row.config) for row in found)])
+    same = [paper_name(row.config) for row in found if row.config.fps == OFFICIAL_FPS]
+    names = dict.fromkeys(["Human", "Oracle", *same])
     for name in names:
         if name in (agents := paper_numbers()["agents"]):
             each = [f"{agents[name][split][0]:.1f} {agents[name][split][1]:.0f}%" for split in COLUMNS]

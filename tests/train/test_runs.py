@@ -294,9 +294,11 @@ def test_paper_numbers_agree_with_their_table() -> None:
 def test_results_name_what_is_missing(finished: loop.Outcome, tmp_path: Path) -> None:
     table = results.rows()
     assert len(table) == 14  # the paper's twelve, and two of our own
-    for config in table.values():
+    of_paper = results.rows("paper")
+    assert [f"{name}-paper" for name in list(table)[:12]] == list(of_paper)
+    for config in (*table.values(), *of_paper.values()):
         config.check()
-    text = results.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path)
+    text = results.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path, "results")
     for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text
