@@ -20,6 +20,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.configuration import configure
+from iphyre_jax.env import OFFICIAL_FPS
 from iphyre_jax.train import compare, logs, loop, runs
 from iphyre_jax.train.config import PresetName, TrainConfig
 from iphyre_jax.train.evaluate import evaluate
@@ -137,7 +138,7 @@ def _times(found: Sequence[compare.Row]) -> str:
     cells = []
     for row in found:
         last = [logs.read(seed.path)[-1] for seed in row.seeds]
-        reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == 10 else [None]
+        reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == OFFICIAL_FPS else [None]
         known = [each for each in reached if each is not None]
         to_paper = f"{np.median(known):.1f} ({len(known)} of {len(reached)} seeds)" if known else "-"
         middle = [float(np.median([float(line[name]) for line in last])) for name in ("episodes", "decisions")]
@@ -164,7 +165,9 @@ def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str
         if not evaluated:
             continue
         table = compare.rows(evaluated)
-        parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time", OFFICIAL, _times(table)]
+        parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time"]
+        parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
+        parts.append(_times(table))
         for name, draw in (("curves", compare.draw_curves), ("bars", _bars)):
             picture = out / f"{stem}-{name}-{fps}fps.png"
             draw(picture, table)
