@@ -83,14 +83,14 @@ class Arguments:
         return "results" if self.preset == "default" else f"results-{self.preset}"
 
 
-def run_row(folder: Path, config: TrainConfig, console: Console) -> None:
-    """Train and evaluate one seed of a row, or what is left of it.
+def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
+    """Train and evaluate one seed of a row, or what is left of it; whether anything was left.
 
     Raises:
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
     if (folder / runs.EVALUATION).is_file():
-        return
+        return False
     if (folder / runs.CONFIG).is_file():
         if runs.read_config(folder) != config:
             raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
@@ -100,6 +100,7 @@ def run_row(folder: Path, config: TrainConfig, console: Console) -> None:
     if not outcome.finished:
         raise KeyboardInterrupt
     runs.write_evaluation(folder, config, evaluate(config, outcome.state.learner, PLAYED), int(outcome.state.update))
+    return True
 
 
 def ship(arguments: Arguments, name: str) -> None:
@@ -196,10 +197,11 @@ def main(arguments: Arguments) -> None:
     for name in arguments.only:
         if name not in table:
             raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
+    write(arguments, table)
     for seed in range(arguments.seeds):
         for name in arguments.only or table:
-            run_row(arguments.root / name / f"seed-{seed}", replace(table[name], seed=seed), console)
-            write(arguments, table)
+            if run_row(arguments.root / name / f"seed-{seed}", replace(table[name], seed=seed), console):
+                write(arguments, table)
     for name in arguments.only or table:
         if table[name].agent != "random":
             ship(arguments, name)

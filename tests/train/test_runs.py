@@ -306,7 +306,7 @@ def test_results_name_what_is_missing(finished: loop.Outcome, tmp_path: Path) ->
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
     assert results.seconds_to_paper(run) is None  # three rounds of sixteen episodes
-    results.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
+    assert not results.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
         results.run_row(tmp_path / "other", table["ppo-i"], QUIET)
