@@ -49,9 +49,9 @@ def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
     return State(params, actor_critic.optimiser(config, 1).init(params), jnp.zeros((), jnp.int32))
 
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-    """Sample a decision for each observation (B, D)."""
-    return actor_critic.act(config, state.params, key, observation)
+def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """Sample so many decisions for each observation (B, D), one observation after the other."""
+    return actor_critic.act(config, state.params, key, observation, each)
 
 
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:

@@ -66,13 +66,15 @@ def outputs(config: TrainConfig, params: Params, observation: jax.Array) -> jax.
     return cast(jax.Array, policy_network(config).apply(params["policy"], observation))
 
 
-@partial(jax.jit, static_argnums=0)
-def act(config: TrainConfig, params: Params, key: jax.Array, observation: jax.Array) -> Decision:
-    """Sample a decision for each observation (B, D)."""
-    head, mask = action_head(config.head), slot_mask(observation)
-    given = outputs(config, params, observation)
+@partial(jax.jit, static_argnums=(0, 4))
+def act(config: TrainConfig, params: Params, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """Sample so many decisions for each observation (B, D), one observation after the other."""
+    of_each = partial(jnp.repeat, repeats=each, axis=0)
+    head, mask = action_head(config.head), of_each(slot_mask(observation))
+    given = of_each(outputs(config, params, observation))
     choice = head.sample(key, given, mask)
-    return Decision(head.action(choice), choice, head.log_prob(given, choice, mask), value(config, params, observation))
+    judged = of_each(value(config, params, observation))
+    return Decision(head.action(choice), choice, head.log_prob(given, choice, mask), judged)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -27,8 +27,8 @@ class Algorithm(Protocol):
     def init(self, config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
         """The state before the first round; observations (S, D) of the training games give sizes and centre."""
 
-    def act(self, config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-        """A decision for each observation (B, D), as episodes are played to learn from."""
+    def act(self, config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+        """So many decisions for each observation (B, D), one after the other, as episodes are played to learn from."""
 
     def greedy(self, config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
         """The action held for best for each observation (B, D)."""

@@ -1,7 +1,7 @@
 """Playing episodes with a policy: whole ones, from the start to the end, side by side.
 
-Both ways take an `Act`, from random key and observations to decisions, and return a `Trajectory`; an episode that is
-over before the last decision is no longer active.
+Both ways take an `Act`, from random key, observations and the number of decisions for each to decisions, and return a
+`Trajectory`; an episode that is over before the last decision is no longer active.
 
 Shapes: S scenes, P episodes of each, B = S x P episodes in the order scene by scene, T decisions at most, D numbers in
 an observation.
@@ -44,7 +44,7 @@ class Decision(NamedTuple):
     value: jax.Array  # (B,) of the observation, 0 if the algorithm does not ask
 
 
-Act = Callable[[jax.Array, jax.Array], Decision]
+Act = Callable[[jax.Array, jax.Array, int], Decision]
 
 
 class Trajectory(NamedTuple):
@@ -95,11 +95,10 @@ class Plans:
         """See `Collector`."""
         config = self._config
         which = np.repeat(np.arange(len(self._scenes)), episodes)
-        seen = jnp.asarray(self._table[which])
-        decision = act(key, seen)
+        decision = act(key, jnp.asarray(self._table), episodes)
         actions = np.asarray(decision.action)
         played = play(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
-        always = jnp.ones((1, len(which)), bool)
+        seen, always = jnp.asarray(self._table[which]), jnp.ones((1, len(which)), bool)
         trajectory = Trajectory(
             observation=jnp.stack([seen, seen]),
             choice=decision.choice[None],
@@ -163,7 +162,7 @@ class Worlds:
         steps: list[tuple[jax.Array, ...]] = []
         now = _in_order(seen, take)
         for k in range(DECISIONS[self._strategy]):
-            decision = act(jax.random.fold_in(key, k), now)
+            decision = act(jax.random.fold_in(key, k), now, 1)
             after = [
                 _step(chunk.environment, state, action, chunk.params)
                 for chunk, state, action in zip(chunks, states, _to_lanes(decision.action, give), strict=True)

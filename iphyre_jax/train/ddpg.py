@@ -106,9 +106,9 @@ def _decide(config: TrainConfig, policy: Params, made: jax.Array, key: jax.Array
     return Decision(action, action, nothing, nothing)
 
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-    """The policy's times with noise for each observation (B, D)."""
-    return _decide(config, state.learned.policy, state.made, key, observation)
+def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """The policy's times with noise, so often for each observation (B, D), one observation after the other."""
+    return _decide(config, state.learned.policy, state.made, key, jnp.repeat(observation, each, axis=0))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -73,6 +73,10 @@ def _nats(log_probabilities: jax.Array) -> jax.Array:
 class SlotHead:
     """Categorical over the 150 instants at which the in-advance environment looks: choice k means 0.1 k s, 0 never.
 
+    Only one block goes at an instant and the environment forgets the others that were to go then; a policy that gives
+    like blocks the same time means all of them. So each goes at the first instant from its own on that no earlier slot
+    has.
+
     The network's outputs are added to the logarithm of a prior, `never` for staying and an
     exponential in time with mean `scale` s for the instants: most useful times are early.
     """
@@ -113,7 +117,18 @@ class SlotHead:
 
     def action(self, choice: jax.Array) -> jax.Array:
         """See `Head`; k / 150, which the environment rounds back to instant k."""
-        return choice.astype(jnp.float32) / SLOTS
+        return one_after_the_other(choice).astype(jnp.float32) / SLOTS
+
+
+def one_after_the_other(choice: jax.Array) -> jax.Array:
+    """(..., 6) instants -> the same, each put off until no earlier slot has it; 0, never, stays, 150 is never too."""
+    instants: list[jax.Array] = []
+    for each in jnp.moveaxis(choice, -1, 0):
+        for _ in instants:  # as often as it may meet an earlier one
+            taken = jnp.stack([each == other for other in instants]).any(axis=0)
+            each = each + (taken & (each > 0))
+        instants.append(each)
+    return jnp.stack(instants, axis=-1)
 
 
 def _normal_log_prob(mean: jax.Array, log_std: jax.Array, value: jax.Array) -> jax.Array:

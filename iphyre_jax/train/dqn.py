@@ -89,9 +89,9 @@ def _decide(config: TrainConfig, value: Params, made: jax.Array, key: jax.Array,
     return Decision(action, action, nothing, nothing)
 
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-    """The best action with a share of random ones for each observation (B, D)."""
-    return _decide(config, state.learned.value, state.made, key, observation)
+def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """The best action with a share of random ones, so often for each observation (B, D), one after the other."""
+    return _decide(config, state.learned.value, state.made, key, jnp.repeat(observation, each, axis=0))
 
 
 @partial(jax.jit, static_argnums=0)

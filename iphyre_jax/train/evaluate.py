@@ -102,9 +102,9 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
     chosen, each = algorithm(config), 1 + config.sampled_episodes
     first = np.arange(len(games) * each) % each == 0
 
-    def act(key: jax.Array, observation: jax.Array) -> Decision:
-        sampled = chosen.act(config, learner, key, observation)
-        best = chosen.greedy(config, learner, observation)
+    def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
+        sampled = chosen.act(config, learner, key, observation, each)
+        best = jnp.repeat(chosen.greedy(config, learner, observation), each, axis=0)
         is_greedy = jnp.asarray(first.reshape(-1, *(1,) * (best.ndim - 1)))
         return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
 

@@ -38,10 +38,10 @@ def _decide(config: TrainConfig, key: jax.Array, observation: jax.Array) -> Deci
     return Decision(action, action, nothing, nothing)
 
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-    """A random decision for each observation (B, D)."""
+def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """So many random decisions for each observation (B, D)."""
     del state
-    return _decide(config, key, observation)
+    return _decide(config, key, jnp.repeat(observation, each, axis=0))
 
 
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:

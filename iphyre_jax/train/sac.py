@@ -122,9 +122,9 @@ def _decide(config: TrainConfig, policy: Params, key: jax.Array, observation: ja
     return Decision(head.action(choice), choice, nothing, nothing)
 
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array) -> Decision:
-    """Sample a decision for each observation (B, D)."""
-    return _decide(config, state.learned.params["policy"], key, observation)
+def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
+    """Sample so many decisions for each observation (B, D), one observation after the other."""
+    return _decide(config, state.learned.params["policy"], key, jnp.repeat(observation, each, axis=0))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -95,8 +95,8 @@ class Trainer:
         """Mean reward of greedy episodes, one of each training game, with what was learned so far."""
         learner = self.state.learner
 
-        def act(key: jax.Array, observation: jax.Array) -> Decision:
-            sampled = self._algorithm.act(self._config, learner, key, observation)
+        def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
+            sampled = self._algorithm.act(self._config, learner, key, observation, each)
             return sampled._replace(action=self._algorithm.greedy(self._config, learner, observation))
 
         return float(self._games.collect(act, jax.random.key(0), 1)[1].reward.mean())

@@ -43,7 +43,7 @@ def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> N
     place = collector(TrainConfig(games=GAMES), GAMES)
     assert isinstance(place, Plans)
     actions = jnp.asarray(plans / 150, jnp.float32)
-    trajectory, played = place.collect(lambda _, __: decided(actions), jax.random.key(0), EPISODES)
+    trajectory, played = place.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
     np.testing.assert_array_equal(played.reward, planned)
     np.testing.assert_allclose(trajectory.reward[0], planned, rtol=1e-6)
     assert trajectory.observation.shape == (2, 16, 120)
@@ -58,7 +58,7 @@ def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray
     place = collector(preset("ppo", "combined"), [replace(load_scene(game), name=f"my {game}") for game in GAMES])
     assert isinstance(place, Worlds)
     actions = jnp.asarray(plans / 150, jnp.float32)
-    trajectory, played = place.collect(lambda _, __: decided(actions), jax.random.key(0), EPISODES)
+    trajectory, played = place.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
     np.testing.assert_allclose(played.reward, planned, atol=1e-6)
     total = np.where(trajectory.active, trajectory.reward, 0).sum(axis=0)
     np.testing.assert_allclose(total, planned, rtol=1e-5)
@@ -73,7 +73,7 @@ def test_on_the_fly_removals_are_a_plan(plans: np.ndarray) -> None:
     place = collector(preset("ppo", "on-the-fly"), GAMES)
     count = iter(range(1000))
 
-    def act(key: jax.Array, observation: jax.Array) -> Decision:
+    def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
         due = frames == next(count)
         return decided(jnp.asarray(np.where(due.any(axis=1), due.argmax(axis=1) + 1, 0), jnp.int32))
 

@@ -21,6 +21,7 @@ from iphyre_jax.train.distributions import (
     SlotHead,
     SquashedHead,
     action_head,
+    one_after_the_other,
 )
 
 ALL = jnp.ones(6, bool)
@@ -61,10 +62,19 @@ def test_only_slots_with_a_block_count() -> None:
 
 def test_every_slot_is_its_own_instant() -> None:
     """Choice k is played before decision k, 0 never: the whole way through action, seconds and rounding."""
-    actions = np.zeros((SLOTS, 6), np.float32)
-    actions[:, 0] = SlotHead().action(jnp.arange(SLOTS))
+    choices = jnp.zeros((SLOTS, 6), jnp.int32).at[:, 0].set(jnp.arange(SLOTS))
+    actions = np.asarray(SlotHead().action(choices))
     steps = plan_to_steps(action_to_times(actions), 10, "in_advance")[:, 0]
     np.testing.assert_array_equal(steps, [-1, *range(1, SLOTS)])
+
+
+def test_blocks_of_one_instant_go_one_after_the_other() -> None:
+    """None is lost but those put off beyond the last instant, 149; "never" is put off for nothing."""
+    choices = jnp.array([[5, 5, 6, 0, 0, 5], [149, 149, 0, 1, 1, 1], [3, 1, 2, 6, 5, 4]])
+    expected = [[5, 6, 7, 0, 0, 8], [149, 150, 0, 1, 2, 3], [3, 1, 2, 6, 5, 4]]
+    np.testing.assert_array_equal(one_after_the_other(choices), expected)
+    steps = plan_to_steps(action_to_times(np.asarray(SlotHead().action(choices))), 10, "in_advance")
+    np.testing.assert_array_equal(steps, [[5, 6, 7, -1, -1, 8], [149, -1, -1, 1, 2, 3], [3, 1, 2, 6, 5, 4]])
 
 
 def test_gaussian_by_hand() -> None:
