@@ -64,6 +64,7 @@ def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
         allowed: (N, N) px, the overlaps (negative gaps) that the original has; 0 elsewhere.
     """
     far, between = outside(layouts), gaps(layouts)
+    finite = np.asarray(np.isfinite(layouts.ends()).all(axis=(1, 2, 3)))
     worse = np.triu(between < allowed[None] - TOLERANCE, k=1)
     bars = layouts.bars.shape[1]
 
@@ -72,7 +73,7 @@ def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
 
     found = []
     for b in range(len(far)):
-        if not np.isfinite(layouts.ends()[b]).all():
+        if not finite[b]:
             found.append("a coordinate is not finite")
         elif (far[b] > TOLERANCE).any():
             index = int(far[b].argmax())

@@ -13,7 +13,7 @@ from iphyre_jax.train.config import TrainConfig
 
 GROUP: Final = 32  # episodes of one variation that are compared with one another
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by
-STRENGTHS: Final = (1.0, 0.5, 0.25)  # of these limits, each tried if all variations within the one before are refused
+TRIES: Final = 200  # draws of a variation, at most; of angle's, the most often refused, one in 100 is valid
 STREAM: Final = 7919  # added to the seed: variations draw other numbers than anything else
 
 
@@ -37,25 +37,33 @@ def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Sc
 
 @cache
 def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple[Scene, ...]:
-    """About so many variations of a game, as many with each number of added blocks; not valid ones are left out.
+    """So many valid variations of a game, about as many with each number of added blocks; fewer after TRIES draws each.
 
     Raises:
-        ValueError: none of them is valid; one line.
+        ValueError: one line; there are none.
     """
     scene = load_scene(game)
-    each, most = -(-count // (added_blocks + 1)), min(added_blocks, MAX_OBJECTS - scene.n_objects)
-    for strength in STRENGTHS:
-        found: list[Scene] = []
-        for extra in range(most + 1):
-            found += vary(
+    numbers = range(min(added_blocks, MAX_OBJECTS - scene.n_objects) + 1)
+    each = -(-count // len(numbers))
+    found = tuple(one for extra in numbers for one in _valid(scene, each, seed + extra, extra))
+    if not found:
+        raise ValueError(f"variations: expected some valid ones of {game}, got none of {count * TRIES}")
+    return found
+
+
+def _valid(scene: Scene, count: int, seed: int, extra_blocks: int) -> Sequence[Scene]:
+    """So many valid variations: what is refused is drawn again, as objects that touch seldom move without overlap."""
+    found: list[Scene] = []
+    for k in range(TRIES):
+        if len(found) < count:
+            drawn = vary(
                 scene,
-                each,
-                seed=seed + extra,
-                shift_px=SHIFT * strength,
-                scale_by=SCALE**strength,
-                jitter_px=JITTER * strength,
-                extra_blocks=extra,
-            ).scenes
-        if found:
-            return tuple(found)
-    raise ValueError(f"variations: expected some valid ones of {game}, got none of {count}")
+                count,
+                seed=seed + k * STREAM,
+                shift_px=SHIFT,
+                scale_by=SCALE,
+                jitter_px=JITTER,
+                extra_blocks=extra_blocks,
+            )
+            found += drawn.scenes
+    return found[:count]

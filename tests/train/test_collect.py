@@ -97,8 +97,15 @@ def test_variations_take_the_place_of_games_by_seed_and_round() -> None:
     assert scenes[0] == "support"
     again, _ = training_scenes(config, 5)
     added = [scene.n_objects for scene in variations("support", 40, 1, 2)]
+    assert len(added) == 40 + 2  # 14 of each number
     assert set(added) == {load_scene("support").n_objects + extra for extra in range(3)}
     other, _ = training_scenes(config, 6)
     assert list(scenes) == list(again)
     assert list(scenes) != list(other)
     assert training_scenes(TrainConfig(games=GAMES), 1) == (GAMES, 128)
+
+
+def test_variations_that_are_refused_are_drawn_again() -> None:
+    """One in a hundred of angle's is valid; none comes twice, and all differ from run seed to run seed."""
+    found = [one.blocks.tobytes() for seed in (0, 1) for one in variations("angle", 20, seed)]
+    assert len(found) == len(set(found)) == 40
