@@ -30,7 +30,7 @@ class Configuration:
     """What `configure` has reached.
 
     Attributes:
-        threads: chunks of worlds that are played side by side.
+        threads: chunks of worlds that are played side by side, while one more is made ready or collected.
         cache: folder of compiled programs, or None if none is kept.
         xla_flags: `XLA_FLAGS` as it is now.
     """

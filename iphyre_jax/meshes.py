@@ -1,18 +1,20 @@
 """Several devices, of this process and of others, for one batch of worlds.
 
-Within a process the lanes of a chunk are spread over its devices by `jax.shard_map`. Between processes whole chunks are
-dealt out, and nothing is exchanged before the results are gathered: worlds need nothing of each other.
+Within a process the lanes of a chunk are spread over its devices by `jax.shard_map`; a device plays its own in turns,
+for the devices wait for each other at the end of a call. Between processes whole chunks are dealt out, and nothing is
+exchanged before the results are gathered: worlds need nothing of each other.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jax.experimental import multihost_utils
@@ -20,6 +22,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 AXIS = "worlds"
 LANES = 128  # worlds a chunk on a CPU: their state stays in the cache of a core
+TURNS = 4  # such chunks one after the other in a call, on each of several CPU devices: their times differ, sums less
 LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
 
 Tree = TypeVar("Tree")
@@ -42,7 +45,27 @@ class Share:
     @property
     def lanes(self) -> int:
         """Worlds in a chunk."""
-        return most_lanes() * (self.mesh.size if self.mesh else 1)
+        return most_lanes() * (self.mesh.size * turns(self.mesh) if self.mesh else 1)
+
+    @property
+    def rows(self) -> npt.NDArray[np.int64]:
+        """Which of a chunk's worlds each lane plays, (lanes,): turn by turn, or one device would get all long ones."""
+        return _exchanged(self.lanes, *((turns(self.mesh), self.mesh.size) if self.mesh else (1, 1)))
+
+    @property
+    def places(self) -> npt.NDArray[np.int64]:
+        """Which lane plays each of a chunk's worlds, (lanes,)."""
+        return _exchanged(self.lanes, *((self.mesh.size, turns(self.mesh)) if self.mesh else (1, 1)))
+
+
+def _exchanged(lanes: int, outer: int, inner: int) -> npt.NDArray[np.int64]:
+    """Numbers from 0 to lanes - 1 with the two outer axes of (outer, inner, ...) exchanged."""
+    return np.arange(lanes).reshape(outer, inner, -1).swapaxes(0, 1).ravel()
+
+
+def turns(mesh: Mesh) -> int:
+    """Return how many chunks each device of a mesh plays in a call."""
+    return TURNS if mesh.size > 1 and jax.default_backend() == "cpu" else 1
 
 
 def most_lanes() -> int:
@@ -99,11 +122,35 @@ def compiled(
     """
     if mesh is None:
         return jax.jit(function).lower(*arguments).compile()
+    played = _in_turns(function, turns(mesh), shared)
     inside = tuple(PartitionSpec() if k in shared else _lanes_apart(part) for k, part in enumerate(arguments))
-    outside = _lanes_apart(jax.eval_shape(function, *arguments))
-    spread = jax.shard_map(function, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
+    outside = _lanes_apart(jax.eval_shape(played, *arguments))
+    spread = jax.shard_map(played, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
     given, made = jax.tree.map(partial(NamedSharding, mesh), (inside, outside))
     return jax.jit(spread, in_shardings=given, out_shardings=made).lower(*arguments).compile()
+
+
+def _in_turns(function: Callable[..., Any], turns: int, shared: Sequence[int]) -> Callable[..., Any]:
+    """Make a function of so many chunks, lane behind lane, of one of a single chunk."""
+    if turns == 1:
+        return function
+
+    def apart(leaf: jax.Array) -> jax.Array:
+        return jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], turns, leaf.shape[-1] // turns), -2, 0)
+
+    def together(leaf: jax.Array) -> jax.Array:
+        leaf = jnp.moveaxis(leaf, 0, -2)
+        return leaf.reshape(*leaf.shape[:-2], leaf.shape[-2] * leaf.shape[-1])
+
+    def played(*arguments: Any) -> Any:  # noqa: ANN401 - trees of arrays
+        own = {k: jax.tree.map(apart, part) for k, part in enumerate(arguments) if k not in shared}
+
+        def one(turn: Mapping[int, Any]) -> Any:  # noqa: ANN401
+            return function(*(turn.get(k, part) for k, part in enumerate(arguments)))
+
+        return jax.tree.map(together, jax.lax.map(one, own))
+
+    return played
 
 
 def agree(*call: object) -> None:

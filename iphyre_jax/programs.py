@@ -1,7 +1,7 @@
 """Compiled programs and the chunks of worlds that run on them.
 
 One program per topology and dtype plays any scene of that topology at any frame rate, length and sampling: worlds run
-in chunks of a fixed number of lanes. Chunks are independent, so they are handed to as many threads as there are cores;
+in chunks of a fixed number of lanes. Chunks are independent, so they are handed to threads, one more than cores to use;
 on a mesh there is a program for each mesh, whose chunks are as many times larger as it has devices.
 """
 
@@ -76,37 +76,37 @@ class Chunk:
     plan: npt.NDArray[np.int32]  # (used, S)
     rows: npt.NDArray[np.integer[Any]]  # (used,) the caller's rows
 
-    def filled(self, lanes: int) -> npt.NDArray[np.integer[Any]]:
+    def filled(self, share: meshes.Share) -> npt.NDArray[np.integer[Any]]:
         """Which of the worlds each lane plays, (lanes,); unused lanes repeat the last one."""
-        return np.minimum(np.arange(lanes), len(self.which) - 1)
+        return np.minimum(share.rows, len(self.which) - 1)
 
 
-def _worlds(chunk: Chunk, lanes: int) -> World:
+def _worlds(chunk: Chunk, share: meshes.Share) -> World:
     """Return the numbers of the chunk's worlds with lanes behind."""
-    which = chunk.which[chunk.filled(lanes)]
+    which = chunk.which[chunk.filled(share)]
     return jax.tree.map(lambda *leaves: np.stack(leaves, -1)[..., which], *chunk.worlds)
 
 
-def _plans(chunk: Chunk, lanes: int) -> npt.NDArray[np.int32]:
+def _plans(chunk: Chunk, share: meshes.Share) -> npt.NDArray[np.int32]:
     """Return the chunk's plans with lanes behind."""
-    plan = np.full((max(MAX_ELIMINABLE, chunk.plan.shape[1]), lanes), -1, np.int32)
-    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, chunk.filled(lanes)]
+    plan = np.full((max(MAX_ELIMINABLE, chunk.plan.shape[1]), share.lanes), -1, np.int32)
+    plan[: chunk.plan.shape[1]] = chunk.plan.T[:, chunk.filled(share)]
     return plan
 
 
 def _start(
-    chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str, mesh: Mesh | None
+    chunk: Chunk, timing: Timing, plan: npt.NDArray[np.int32], dtype: str, share: meshes.Share
 ) -> tuple[Program, World, rollouts.Progress]:
     """Return the program, the worlds and their start. A chunk full of one scene starts as all others of that scene."""
     columns, lanes = plan.shape
-    kind = chunk.topology, dtype, columns, mesh
+    kind = chunk.topology, dtype, columns, share.mesh
     key = id(chunk.worlds[chunk.which[0]]), kind
     whole = len(chunk.which) == lanes and bool(np.all(chunk.which == chunk.which[0]))
     if whole and key in _STARTS:
         return _PROGRAMS[kind], *_STARTS[key]
-    world = meshes.put(_worlds(chunk, lanes), mesh)
+    world = meshes.put(_worlds(chunk, share), share.mesh)
     program = _program(kind, world, timing, plan)
-    progress = program.begin(world, np.arange(lanes) >= len(chunk.which))
+    progress = program.begin(world, share.rows >= len(chunk.which))
     if whole:
         _STARTS[key] = world, progress
     return program, world, progress
@@ -117,17 +117,19 @@ def play(
 ) -> Iterator[rollouts.Outcome]:
     """Play a chunk and yield its outcome so far, as NumPy arrays, at each of the step counts `stops`."""
     with jax.enable_x64(dtype == "float64"):
-        plan = _plans(chunk, share.lanes)
-        program, world, progress = _start(chunk, timing, plan, dtype, share.mesh)
+        plan = _plans(chunk, share)
+        program, world, progress = _start(chunk, timing, plan, dtype, share)
+        used = share.places[: len(chunk.which)]
         for stop in stops:
             if stop:
                 progress = program.advance(world, timing, plan, progress, np.int32(stop))
-            yield jax.tree.map(lambda leaf: leaf[..., : len(chunk.which)], jax.device_get(progress.outcome))
+            yield jax.tree.map(lambda leaf: leaf[..., used], jax.device_get(progress.outcome))
 
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="iphyre_jax")
+    """One thread more than may compute, if several do: a core then never waits while a chunk is made or collected."""
+    return ThreadPoolExecutor(threads + (threads > 1), thread_name_prefix="iphyre_jax")
 
 
 def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
