@@ -11,6 +11,7 @@ import json
 import socket
 import sys
 import time
+import traceback
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import BoundedSemaphore
 from typing import TYPE_CHECKING, Final
@@ -144,8 +145,8 @@ class _Handler(BaseHTTPRequestHandler):
         except (ValueError, OSError) as error:
             self._answer({"error": str(error)}, 400)
         except Exception:
+            traceback.print_exc()  # first, for the answer says that it is there
             self._answer({"error": "the server failed; its terminal says how"}, 500)
-            raise
 
     def _answer(self, value: object, status: int = 200) -> None:
         self._send(status, "application/json", json.dumps(value, allow_nan=False).encode())
