@@ -11,7 +11,6 @@ import json
 import socket
 import sys
 import time
-import traceback
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import BoundedSemaphore
 from typing import TYPE_CHECKING, Final
@@ -145,7 +144,7 @@ class _Handler(BaseHTTPRequestHandler):
         except (ValueError, OSError) as error:
             self._answer({"error": str(error)}, 400)
         except Exception:
-            traceback.print_exc()  # first, for the answer says that it is there
+            self.server.handle_error(self.request, self.client_address)  # first: the answer says that it is told there
             self._answer({"error": "the server failed; its terminal says how"}, 500)
 
     def _answer(self, value: object, status: int = 200) -> None:
