@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import jax
@@ -21,8 +21,8 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 AXIS = "worlds"
-LANES = 128  # worlds a chunk on a CPU: their state stays in the cache of a core
-TURNS = 4  # such chunks one after the other in a call, on each of several CPU devices: their times differ, sums less
+LANES = 128  # worlds side by side on a CPU: their state stays in the cache of a core
+TURNS = 4  # such groups one after the other in a call, on each of several CPU devices: their times differ, sums less
 LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
 
 Tree = TypeVar("Tree")
@@ -45,31 +45,30 @@ class Share:
     @property
     def lanes(self) -> int:
         """Worlds in a chunk."""
-        return most_lanes() * (self.mesh.size * turns(self.mesh) if self.mesh else 1)
+        return most_lanes() * _turns(self.mesh) * _devices(self.mesh)
 
-    @property
+    @cached_property
     def rows(self) -> npt.NDArray[np.int64]:
         """Which of a chunk's worlds each lane plays, (lanes,): turn by turn, or one device would get all long ones."""
-        return _exchanged(self.lanes, *((turns(self.mesh), self.mesh.size) if self.mesh else (1, 1)))
+        return np.arange(self.lanes).reshape(_turns(self.mesh), _devices(self.mesh), -1).swapaxes(0, 1).ravel()
 
-    @property
+    @cached_property
     def places(self) -> npt.NDArray[np.int64]:
         """Which lane plays each of a chunk's worlds, (lanes,)."""
-        return _exchanged(self.lanes, *((self.mesh.size, turns(self.mesh)) if self.mesh else (1, 1)))
+        return np.argsort(self.rows)
 
 
-def _exchanged(lanes: int, outer: int, inner: int) -> npt.NDArray[np.int64]:
-    """Numbers from 0 to lanes - 1 with the two outer axes of (outer, inner, ...) exchanged."""
-    return np.arange(lanes).reshape(outer, inner, -1).swapaxes(0, 1).ravel()
+def _devices(mesh: Mesh | None) -> int:
+    return mesh.size if mesh else 1
 
 
-def turns(mesh: Mesh) -> int:
-    """Return how many chunks each device of a mesh plays in a call."""
-    return TURNS if mesh.size > 1 and jax.default_backend() == "cpu" else 1
+def _turns(mesh: Mesh | None) -> int:
+    """Return how many groups of lanes each device plays in a call."""
+    return TURNS if _devices(mesh) > 1 and jax.default_backend() == "cpu" else 1
 
 
 def most_lanes() -> int:
-    """Return how many worlds a chunk has at most on one device."""
+    """Return how many worlds a device plays side by side."""
     return LANES if jax.default_backend() == "cpu" else LANES_OF_DEVICE
 
 
@@ -122,7 +121,7 @@ def compiled(
     """
     if mesh is None:
         return jax.jit(function).lower(*arguments).compile()
-    played = _in_turns(function, turns(mesh), shared)
+    played = _in_turns(function, _turns(mesh), shared)
     inside = tuple(PartitionSpec() if k in shared else _lanes_apart(part) for k, part in enumerate(arguments))
     outside = _lanes_apart(jax.eval_shape(played, *arguments))
     spread = jax.shard_map(played, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
@@ -131,7 +130,7 @@ def compiled(
 
 
 def _in_turns(function: Callable[..., Any], turns: int, shared: Sequence[int]) -> Callable[..., Any]:
-    """Make a function of so many chunks, lane behind lane, of one of a single chunk."""
+    """Make a function of so many groups of lanes, one behind the other, of one of a single group."""
     if turns == 1:
         return function
 

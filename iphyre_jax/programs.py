@@ -2,7 +2,7 @@
 
 One program per topology and dtype plays any scene of that topology at any frame rate, length and sampling: worlds run
 in chunks of a fixed number of lanes. Chunks are independent, so they are handed to threads, one more than cores to use;
-on a mesh there is a program for each mesh, whose chunks are as many times larger as it has devices.
+on a mesh there is a program for each mesh, whose chunks are larger (`meshes.Share.lanes`).
 """
 
 from __future__ import annotations

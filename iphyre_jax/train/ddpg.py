@@ -95,8 +95,11 @@ def noise(config: TrainConfig, made: jax.Array) -> jax.Array:
     return settings.noise + share * (settings.noise_end - settings.noise)
 
 
-@partial(jax.jit, static_argnums=0)
-def _decide(config: TrainConfig, policy: Params, made: jax.Array, key: jax.Array, observation: jax.Array) -> Decision:
+@partial(jax.jit, static_argnums=(0, 5))
+def _decide(
+    config: TrainConfig, policy: Params, made: jax.Array, key: jax.Array, observation: jax.Array, each: int
+) -> Decision:
+    observation = jnp.repeat(observation, each, axis=0)
     noise_key, uniform_key = jax.random.split(key)
     planned = _action(config, policy, observation)
     noisy = jnp.clip(planned + noise(config, made) * jax.random.normal(noise_key, planned.shape), 0.0, 1.0)
@@ -108,7 +111,7 @@ def _decide(config: TrainConfig, policy: Params, made: jax.Array, key: jax.Array
 
 def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
     """The policy's times with noise, so often for each observation (B, D), one observation after the other."""
-    return _decide(config, state.learned.policy, state.made, key, jnp.repeat(observation, each, axis=0))
+    return _decide(config, state.learned.policy, state.made, key, observation, each)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -77,8 +77,11 @@ def epsilon(config: TrainConfig, made: jax.Array) -> jax.Array:
     return settings.epsilon + share * (settings.epsilon_end - settings.epsilon)
 
 
-@partial(jax.jit, static_argnums=0)
-def _decide(config: TrainConfig, value: Params, made: jax.Array, key: jax.Array, observation: jax.Array) -> Decision:
+@partial(jax.jit, static_argnums=(0, 5))
+def _decide(
+    config: TrainConfig, value: Params, made: jax.Array, key: jax.Array, observation: jax.Array, each: int
+) -> Decision:
+    observation = jnp.repeat(observation, each, axis=0)
     share_key, random_key = jax.random.split(key)
     mask = slot_mask(observation)
     random = CategoricalHead(_settings(config).idle).sample(random_key, jnp.zeros((*mask.shape[:-1], 7)), mask)
@@ -91,7 +94,7 @@ def _decide(config: TrainConfig, value: Params, made: jax.Array, key: jax.Array,
 
 def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
     """The best action with a share of random ones, so often for each observation (B, D), one after the other."""
-    return _decide(config, state.learned.value, state.made, key, jnp.repeat(observation, each, axis=0))
+    return _decide(config, state.learned.value, state.made, key, observation, each)
 
 
 @partial(jax.jit, static_argnums=0)

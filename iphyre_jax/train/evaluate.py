@@ -99,8 +99,8 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
         learner: state of its algorithm.
         games: names of games of the package.
     """
-    chosen, each = algorithm(config), 1 + config.sampled_episodes
-    first = np.arange(len(games) * each) % each == 0
+    chosen, episodes = algorithm(config), 1 + config.sampled_episodes
+    first = np.arange(len(games) * episodes) % episodes == 0
 
     def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
         sampled = chosen.act(config, learner, key, observation, each)
@@ -109,9 +109,9 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
         return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
 
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
-    played = collector(config, games).collect(act, key, each)[1]
+    played = collector(config, games).collect(act, key, episodes)[1]
     split_of = {game: split for split, names in SPLITS.items() for game in names}
-    which, plans = np.repeat(np.arange(len(games)), each), _plans(config, learner, games)
+    which, plans = np.repeat(np.arange(len(games)), episodes), _plans(config, learner, games)
     scores = tuple(
         GameScore(
             game=game,

@@ -28,8 +28,9 @@ def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
     return State(jnp.zeros((), jnp.int32))
 
 
-@partial(jax.jit, static_argnums=0)
-def _decide(config: TrainConfig, key: jax.Array, observation: jax.Array) -> Decision:
+@partial(jax.jit, static_argnums=(0, 3))
+def _decide(config: TrainConfig, key: jax.Array, observation: jax.Array, each: int) -> Decision:
+    observation = jnp.repeat(observation, each, axis=0)
     nothing = jnp.zeros(observation.shape[0], jnp.float32)
     if config.strategy in PLANNED:
         action = jax.random.uniform(key, (observation.shape[0], MAX_ELIMINABLE), jnp.float32)
@@ -41,7 +42,7 @@ def _decide(config: TrainConfig, key: jax.Array, observation: jax.Array) -> Deci
 def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
     """So many random decisions for each observation (B, D)."""
     del state
-    return _decide(config, key, jnp.repeat(observation, each, axis=0))
+    return _decide(config, key, observation, each)
 
 
 def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:

@@ -114,8 +114,9 @@ def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
     return State(learned, replay.empty(config, observation, choice))
 
 
-@partial(jax.jit, static_argnums=0)
-def _decide(config: TrainConfig, policy: Params, key: jax.Array, observation: jax.Array) -> Decision:
+@partial(jax.jit, static_argnums=(0, 4))
+def _decide(config: TrainConfig, policy: Params, key: jax.Array, observation: jax.Array, each: int) -> Decision:
+    observation = jnp.repeat(observation, each, axis=0)
     head, mask = action_head(config.head), slot_mask(observation)
     choice = head.sample(key, cast(jax.Array, _policy(config).apply(policy, observation)), mask)
     nothing = jnp.zeros(observation.shape[0], jnp.float32)
@@ -124,7 +125,7 @@ def _decide(config: TrainConfig, policy: Params, key: jax.Array, observation: ja
 
 def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
     """Sample so many decisions for each observation (B, D), one observation after the other."""
-    return _decide(config, state.learned.params["policy"], key, jnp.repeat(observation, each, axis=0))
+    return _decide(config, state.learned.params["policy"], key, observation, each)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import chain, islice
 from typing import Final
 
 import numpy as np
@@ -51,19 +52,18 @@ def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple
     return found
 
 
-def _valid(scene: Scene, count: int, seed: int, extra_blocks: int) -> Sequence[Scene]:
+def _valid(scene: Scene, count: int, seed: int, extra_blocks: int) -> Iterator[Scene]:
     """So many valid variations: what is refused is drawn again, as objects that touch seldom move without overlap."""
-    found: list[Scene] = []
-    for k in range(TRIES):
-        if len(found) < count:
-            drawn = vary(
-                scene,
-                count,
-                seed=seed + k * STREAM,
-                shift_px=SHIFT,
-                scale_by=SCALE,
-                jitter_px=JITTER,
-                extra_blocks=extra_blocks,
-            )
-            found += drawn.scenes
-    return found[:count]
+    drawn = (
+        vary(
+            scene,
+            count,
+            seed=seed + k * STREAM,
+            shift_px=SHIFT,
+            scale_by=SCALE,
+            jitter_px=JITTER,
+            extra_blocks=extra_blocks,
+        ).scenes
+        for k in range(TRIES)
+    )
+    return islice(chain.from_iterable(drawn), count)  # draws no more than it needs
