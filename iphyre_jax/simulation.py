@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -12,13 +13,16 @@ import numpy as np
 import numpy.typing as npt
 from jax.sharding import Mesh
 
-from iphyre_jax import programs
-from iphyre_jax.meshes import Share, agree, gather, share_of
-from iphyre_jax.physics.broadphase import Counters
-from iphyre_jax.physics.types import Topology
+from iphyre_jax.execution.batching import Group, Rows, cached_world, group_by_topology
+from iphyre_jax.execution.devices import Share, agree, gather, on_cpu, runner, share_of
+from iphyre_jax.execution.executables import prepare
+from iphyre_jax.execution.programs import Advance, Score, clock, progress_layout
+from iphyre_jax.execution.threads import run_all
+from iphyre_jax.physics.broadphase import max_steps
+from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.reward import episode_reward
 from iphyre_jax.rollouts import FAULT_OVERFLOW
-from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene, scene_to_dict
 from iphyre_jax.scenes.build import timing
 
 SceneLike = str | PathLike[str] | Scene
@@ -202,80 +206,121 @@ def _simulate(
 ) -> Simulation:
     if share.ranks > 1:
         agree([scene_to_dict(scene) for scene in scenes], which, plan, settings)
-    size = len(plan)
-    success = np.zeros(size, bool)
-    counts = {name: np.zeros(size, np.int64) for name in ("steps", "eliminations", "fault")}
-    times = timing(settings.fps, settings.dtype)
-    every = settings.sample_every
-    stops = [settings.steps] if every is None else [*range(0, settings.steps + 1, every)]
-    if stops[-1] != settings.steps:
-        stops.append(settings.steps)
-    samples = None
-    if every is not None:
-        shape = size, settings.steps // every + 1, max((scene.n_objects for scene in scenes), default=0), 3
-        samples = np.full(shape, np.nan, settings.dtype)
-
-    def play(chunk: programs.Chunk) -> None:
-        moved: list[npt.NDArray[np.floating[Any]]] = []
-        for outcome in programs.play(chunk, times, settings.dtype, stops, share):
-            if samples is not None and len(moved) < samples.shape[1]:
-                moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1))
-        success[chunk.rows] = outcome.success
-        for name, values in counts.items():
-            values[chunk.rows] = getattr(outcome, name)
-        if samples is not None:
-            kinds = which[chunk.rows]
-            for kind in np.unique(kinds):
-                at = kinds == kind
-                poses = _poses(scenes[kind], np.stack(moved)[:, :, at])
-                _blank_removed(scenes[kind], poses, chunk.plan[at], np.asarray(outcome.steps)[at], stops)
-                samples[chunk.rows[at], :, : scenes[kind].n_objects] = poses
-
-    left = np.arange(size)
-    for attempt in range(ATTEMPTS):
-        if not left.size:
-            break
-        chunks = _chunks(scenes, which, plan, settings, left, attempt, share.lanes)
-        dealt = [chunks[rank :: share.ranks] for rank in range(share.ranks)]
-        programs.run_all(play, dealt[share.rank])
-        if share.ranks > 1:
-            rows = [np.concatenate([left[:0], *(chunk.rows for chunk in part)]) for part in dealt]
-            for array in (success, *counts.values(), *([] if samples is None else [samples])):
-                gather(share, rows, array)
-        left = left[counts["fault"][left] == FAULT_OVERFLOW]
-    reward = episode_reward(success, counts["eliminations"], counts["steps"], settings.fps)
-    return Simulation(success, counts["steps"], counts["eliminations"], reward, counts["fault"], samples)
-
-
-def _chunks(
-    scenes: list[Scene],
-    which: npt.NDArray[np.int64],
-    plan: npt.NDArray[np.int32],
-    settings: _Settings,
-    wanted: npt.NDArray[np.integer[Any]],
-    attempt: int,
-    lanes: int,
-) -> list[programs.Chunk]:
-    """Sort the wanted plans by topology, scene and likeness and cut them into chunks; the costliest come first.
-
-    attempt: 0 for the first, see `_slots`; lanes: the most worlds of a chunk.
-    """
-    built = [programs.built(scene, settings.resets, settings.dtype) for scene in scenes]
-    groups: dict[Any, list[int]] = {}
-    for k in np.unique(which[wanted]).tolist():
-        groups.setdefault(built[k][0], []).append(k)
-    chunks = []
-    for topology, members in sorted(groups.items(), key=lambda group: -group[0].moving):
-        if settings.steps > (limit := Counters(topology.moving).max_steps):
+    worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]
+    for topology, _ in worlds:
+        if settings.steps > (limit := max_steps(topology)):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-        rows = np.concatenate([_alike(wanted[which[wanted] == k], plan) for k in members])
+    batch = _Batch.of(scenes, worlds, which, plan, settings, share)
+    left = np.arange(len(plan))
+    for attempt in range(ATTEMPTS):
+        if left.size:
+            batch.play(left, attempt)
+            left = left[batch.fault[left] == FAULT_OVERFLOW]
+    reward = episode_reward(batch.success, batch.eliminations, batch.steps, settings.fps)
+    return Simulation(batch.success, batch.steps, batch.eliminations, reward, batch.fault, batch.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """B plays: what they are and what came of them so far."""
+
+    scenes: list[Scene]
+    worlds: list[tuple[Topology, World]]  # of the scenes
+    which: npt.NDArray[np.int64]  # (B,) scene of each
+    plan: npt.NDArray[np.int32]  # (B, S)
+    settings: _Settings
+    share: Share
+    success: npt.NDArray[np.bool_]
+    steps: npt.NDArray[np.int64]
+    eliminations: npt.NDArray[np.int64]
+    fault: npt.NDArray[np.int64]
+    samples: npt.NDArray[np.floating[Any]] | None
+
+    @classmethod
+    def of(
+        cls,
+        scenes: list[Scene],
+        worlds: list[tuple[Topology, World]],
+        which: npt.NDArray[np.int64],
+        plan: npt.NDArray[np.int32],
+        settings: _Settings,
+        share: Share,
+    ) -> _Batch:
+        """Return plays before they are played."""
+        size, every = len(plan), settings.sample_every
+        samples = None
+        if every is not None:
+            shape = size, settings.steps // every + 1, max((scene.n_objects for scene in scenes), default=0), 3
+            samples = np.full(shape, np.nan, settings.dtype)
+        counts = (np.zeros(size, np.int64) for _ in range(3))
+        return cls(scenes, worlds, which, plan, settings, share, np.zeros(size, bool), *counts, samples)
+
+    def play(self, rows: Rows, attempt: int) -> None:
+        """Play some rows; in several processes, each its own groups of them, and gather the results."""
+        share, dtype = self.share, self.settings.dtype
+        groups = group_by_topology(
+            self.worlds, self.which, rows, dtype, lambda topology: share.lanes(topology, dtype), self._alike
+        )
+        if on_cpu():
+            prepare([self._program(group.topology, attempt) for group in groups])
+        dealt = [groups[rank :: share.ranks] for rank in range(share.ranks)]
+        run_all(partial(self._play_group, attempt), dealt[share.rank])
+        if share.ranks > 1:
+            of_ranks = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in dealt]
+            for array in (self.success, self.steps, self.eliminations, self.fault, self.samples):
+                if array is not None:
+                    gather(share, of_ranks, array)
+
+    def _program(self, topology: Topology, attempt: int) -> Score | Advance:
+        kind = Score if self.samples is None else Advance
         roomy = replace(topology, slots=_slots(topology)[attempt])
-        local = np.searchsorted(members, which[rows])
-        worlds = tuple(built[k][1] for k in members)
-        for start in range(0, len(rows), lanes):
-            part = slice(start, start + lanes)
-            chunks.append(programs.Chunk(roomy, worlds, local[part], plan[rows[part]], rows[part]))
-    return chunks
+        columns = max(MAX_ELIMINABLE, self.plan.shape[1])
+        dtype = self.settings.dtype
+        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns)
+
+    def _play_group(self, attempt: int, group: Group) -> None:
+        program = self._program(group.topology, attempt)
+        run, settings = runner(program, self.share.mesh), self.settings
+        worlds = group.worlds(program.lanes)
+        plans = group.plans(self.plan, program.columns, program.lanes)
+        times = clock(timing(settings.fps, settings.dtype))
+        if isinstance(program, Score):
+            counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
+            self._write(group, counts)
+            return
+        layout = progress_layout(program.topology, program.dtype)
+        episodes, moved = np.zeros((layout.rows, program.lanes), layout.word), []
+        for stop in self._stops():
+            episodes = run(worlds, plans, times, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
+            outcome = layout.unpack_numpy(episodes).outcome
+            moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1)[:, : len(group.rows)])
+        counts = np.stack([outcome.success, outcome.steps, outcome.eliminations, outcome.fault])
+        self._write(group, counts)
+        self._write_samples(group, np.stack(moved))
+
+    def _stops(self) -> list[int]:
+        """Return the step counts at which samples are taken, and the last step."""
+        every, steps = self.settings.sample_every or self.settings.steps, self.settings.steps
+        return sorted({*range(0, steps + 1, every), steps})
+
+    def _write(self, group: Group, counts: npt.NDArray[np.integer[Any]]) -> None:
+        used = counts[:, : len(group.rows)]
+        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), used, strict=True):
+            array[group.rows] = values
+
+    def _write_samples(self, group: Group, moved: npt.NDArray[np.floating[Any]]) -> None:
+        """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""
+        assert self.samples is not None
+        moved, stops = moved[: self.samples.shape[1]], self._stops()
+        for index in np.unique(group.scene):
+            scene, at = self.scenes[index], group.scene == index
+            rows = group.rows[at]
+            poses = _poses(scene, moved[:, :, at])
+            _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)
+            self.samples[rows, :, : scene.n_objects] = poses
+
+    def _alike(self, rows: Rows) -> Rows:
+        return _alike(rows, self.plan)
 
 
 def _alike(rows: npt.NDArray[np.integer[Any]], plan: npt.NDArray[np.int32]) -> npt.NDArray[np.integer[Any]]:

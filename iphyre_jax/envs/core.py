@@ -8,32 +8,34 @@ All of them are written for one world; `jax.vmap` makes a batch of any mixture o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import Features, motion, motion_size, official_rows, own_features, rows_size, standing
-from iphyre_jax.envs.mixture import Games, Mixture
-from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, make_params, row
+from iphyre_jax.envs.features import motion_size, rows_size
+from iphyre_jax.envs.host_worlds import HostWorlds
+from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, Worlds
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
+from iphyre_jax.envs.status import Status
 from iphyre_jax.envs.strategies import Ending, Strategy
-from iphyre_jax.envs.stretches import Stretch
-from iphyre_jax.physics.types import World
+from iphyre_jax.envs.traced_worlds import TracedWorlds
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.physics.types import Topology
 from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
-from iphyre_jax.rollouts import Outcome, Progress
-from iphyre_jax.scenes import Limits, load_scenes
-from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes import Limits, Scene, load_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 
-ObservationName = Literal["official", "motion", "image"]
+BackendName = Literal["host", "xla"]
 Info = dict[str, Any]
-Tree = TypeVar("Tree")
+NO_GAME = -1
 
 
 @dataclass(frozen=True)
@@ -47,27 +49,39 @@ class Environment:
         games: names of its games, in the order of the parameters that `make` returns with it.
         strategy: how actions become removals.
         protocol: physics steps under the decisions.
-        mixture: topologies that the parameters may hold.
+        topologies: that its games may have.
         dtype: of the physics, "float32" or "float64".
         observation: "official", the twelve rows and the candidates, float32 in [0, 1]; "motion", the same with
             velocities and time, Markov but for the solver's cached impulses; "image", (size, size, 3) uint8.
         image_size: px, side of an image; 0 without images.
         autoreset: whether an episode that has ended is followed by a new one in the same step.
+        final_observation: whether `info` has what was seen of an episode when it ended.
         limits: of its scenes, the official ones or larger: rows of an observation, slots of the strategy.
+        backend: "host", a call of the host inside your program, at full speed on a CPU; "xla", a part of your program:
+            for accelerators and gradients.
     """
 
     name: str = field(compare=False)
     games: tuple[str, ...] = field(compare=False)
     strategy: Strategy
     protocol: Protocol
-    mixture: Mixture
+    topologies: tuple[Topology, ...]
     dtype: str = "float32"
     observation: ObservationName = "official"
     image_size: int = 0
     autoreset: bool = True
+    final_observation: bool = False
     limits: Limits = OFFICIAL
+    backend: BackendName = "host"
 
-    def params(self, scenes: tuple[SceneLike, ...] | list[SceneLike]) -> EnvParams:
+    @property
+    def worlds(self) -> Worlds:
+        """What plays its episodes."""
+        timing = replace(self.protocol, name="")  # a name decides nothing
+        shared = self.topologies, self.dtype, timing, self.observation, self.limits, self.strategy.no_op_candidate
+        return HostWorlds(*shared, self.final_observation) if self.backend == "host" else TracedWorlds(*shared)
+
+    def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
         """Return parameters of other games of the same topologies.
 
         Args:
@@ -77,7 +91,22 @@ class Environment:
             ValueError: no scenes, a bad one, or one of another topology; one line.
             OSError: a scene file cannot be read.
         """
-        return make_params(load_scenes(scenes, self.limits), self.mixture, self.protocol, self.dtype)
+        return self.params_of(load_scenes(scenes, self.limits))
+
+    def params_of(self, scenes: Sequence[Scene]) -> EnvParams:
+        """Return scenes as parameters; see `params`.
+
+        Raises:
+            ValueError: a scene's topology is not of the environment; one line.
+        """
+        for scene in scenes:
+            if cached_world(scene, self.protocol.resets, self.dtype)[0] not in self.topologies:
+                raise ValueError(
+                    f"scenes: expected topologies of this environment, but {scene.name} has another; "
+                    "make the environment with this scene among its own"
+                )
+        params: EnvParams = self.worlds.params(scenes)
+        return params
 
     def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
         """Return the environment and parameters of one game, with the same spaces; nothing else is compiled (host).
@@ -86,15 +115,9 @@ class Environment:
             params: the games.
             game: row of the parameters.
         """
-        kind = int(params.table.kind[game])
-        topology, of = self.mixture.topologies[kind], self.mixture.only(kind)
-        with jax.enable_x64(self.dtype == "float64"):
-            tables = params.world, params.start, params.features
-            world, start, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
-            own = of.world.cut(world), of.progress.cut(start), own_features(features, topology)
-            world, start, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
-            table = Games(world, jnp.zeros(1, jnp.int32))
-        return replace(self, games=self.games[game : game + 1], mixture=of), EnvParams(table, start, features)
+        kind = int(np.asarray(params.kind)[game])
+        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[kind],))
+        return one, self.worlds.alone(params, game)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -107,7 +130,7 @@ class Environment:
         Returns:
             The observation (see `observation_space`) and the state.
         """
-        return self.reset_to(jax.random.randint(key, (), 0, params.games, jnp.int32), params)
+        return self.reset_to(_drawn(key, params), params)
 
     @partial(jax.jit, static_argnums=0)
     def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -121,8 +144,8 @@ class Environment:
             As `reset`.
         """
         self.check_dtype()
-        state = EnvState(row(params.start, game), jnp.asarray(game, jnp.int32), jnp.zeros(self.strategy.slots, bool))
-        return self.observe(state, params), state
+        seen, state = self.worlds.begin(params, jnp.asarray(game, jnp.int32))
+        return self._shown(params, state, seen), state
 
     def step(
         self, key: jax.Array, state: EnvState, action: ArrayLike, params: EnvParams
@@ -154,61 +177,67 @@ class Environment:
     def _step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        after, reward = self._play(state, action, params)
-        ending = self.ending(after.progress)
-        info = self.info(after, params)
-        if self.autoreset:
-            fresh = self.reset(key, params)
-            done = ending.terminated | ending.truncated
-            going = info["final_observation"], after
-            seen, after = jax.tree.map(lambda new, old: jnp.where(done, new, old), fresh, going)
-            return seen, after, reward, *ending, info
-        return info["final_observation"], after, reward, *ending, info
+        next_game = _drawn(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
+        return self.play(state, action, params, next_game)
+
+    def play(
+        self, state: EnvState, action: jax.Array, params: EnvParams, next_game: jax.Array
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
+        """Play one decision, and begin a given game if the episode has ended.
+
+        Args:
+            state: of the episode.
+            action: an array of the action space.
+            params: the games.
+            next_game: () int32, row of the parameters; -1 for none: what has ended stays.
+
+        Returns:
+            As `step`.
+        """
+        before = self.worlds.status(params, state)
+        order = self.strategy.order(action, before.step, before.executed, before.standing, self.protocol)
+        ended = self.has_ended(before)
+        until = jnp.where(ended, before.step, order.until)
+        executed = jnp.where(ended, before.executed, order.used)
+        out = self.worlds.play(params, state, order.plan, until, executed, next_game)
+        info = self._info(out.status)
+        if self.final_observation:
+            info["final_observation"] = self._shown(params, out.last_state, out.last_seen)
+        seen = self._shown(params, out.state, out.seen)
+        return seen, out.state, self.reward(before, out.status), *self.ending(out.status), info
 
     @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return what an agent sees of a state."""
-        return self.view(row(params.features, state.game), row(params.world, state.game), state.progress)
+        seen = None if self.observation == "image" else self.worlds.observe(params, state)
+        return self._shown(params, state, seen)
 
-    def view(self, features: Features, world: World, progress: Progress) -> jax.Array:
-        """Return what an agent sees of a world; of worlds in lanes, trailing axes, lanes of observations."""
-        if self.observation == "image":
-            from iphyre_jax.envs.images import image
+    def _shown(self, params: EnvParams, state: EnvState, seen: jax.Array | None) -> jax.Array:
+        """Return an observation: the numbers seen, or a picture."""
+        if self.observation != "image" and seen is not None:
+            return seen
+        from iphyre_jax.envs.images import image
 
-            draw = partial(image, size=self.image_size)
-            for _ in range(progress.state.step.ndim):
-                draw = jax.vmap(draw, in_axes=-1, out_axes=-1)
-            return draw(features, world, progress)
-        lanes = progress.state.step.shape
-        seen = [official_rows(features, world, progress)]
-        if self.strategy.no_op_candidate:
-            seen.append(jnp.zeros((2, *lanes), jnp.float32))
-        seen.append(features.candidates.reshape(-1, *lanes))
-        if self.observation == "motion":
-            seen.append(motion(features, progress, self.protocol))
-        return jnp.concatenate(seen)
+        return image(*self.worlds.pose(params, state), self.image_size)
 
     def info(self, state: EnvState, params: EnvParams) -> Info:
-        """Return what there is to know of a state beside its observation; the tree of `step` and after `reset` alike.
+        """Return the info of a state; the tree of `step` and after `reset` alike.
 
         Returns:
             success, () bool; fault, () int32, 0 for a sound world (see `iphyre_jax.rollouts`); eliminations, () int32,
-            blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; final_observation,
-            what an agent sees of this state.
+            blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; with
+            `final_observation` also what an agent sees of this state, under that name.
         """
-        return {
-            **self.counters(state.progress.outcome),
-            "game": state.game,
-            "final_observation": self.observe(state, params),
-        }
+        info = self._info(self.worlds.status(params, state))
+        return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 
-    def counters(self, outcome: Outcome) -> Info:
-        """Return the numbers of `info` that come from the physics alone."""
+    def _info(self, status: Status) -> Info:
         return {
-            "success": outcome.success,
-            "fault": outcome.fault,
-            "eliminations": outcome.eliminations,
-            "time": outcome.steps.astype(jnp.float32) / self.protocol.fps,
+            "success": status.success,
+            "fault": status.fault,
+            "eliminations": status.eliminations,
+            "time": status.steps.astype(jnp.float32) / self.protocol.fps,
+            "game": status.game,
         }
 
     def action_space(self, params: EnvParams | None = None) -> Space:
@@ -233,35 +262,21 @@ class Environment:
         space = self.strategy.action_space()
         return space.shape[0] if isinstance(space, Box) else space.n
 
-    def _play(self, state: EnvState, action: jax.Array, params: EnvParams) -> tuple[EnvState, jax.Array]:
-        """Play one decision; an episode that has ended stays as it is."""
-        world, before = row(params.world, state.game), state.progress
-        blocks = standing(world, before, self.strategy.slots)
-        order = self.strategy.order(action, before.state.step, state.used, blocks, self.protocol)
-        ended = self.has_ended(before)
-        until = jnp.where(ended, before.state.step, order.until)
-        stretch = Stretch(state.game, order.plan, until)
-        times, games = _opaque((timing(self.protocol.fps, self.dtype), params.table))
-        progress = self.mixture.play(times, games, stretch, before)
-        used = jnp.where(ended, state.used, order.used)
-        return replace(state, progress=progress, used=used), self.reward(before.outcome, progress.outcome)
-
-    def reward(self, before: Outcome, after: Outcome) -> jax.Array:
-        """Return the reward of what lies between two outcomes of an episode, () float32."""
+    def reward(self, before: Status, after: Status) -> jax.Array:
+        """Return the reward of what lies between two moments of an episode, () float32."""
         solved = (after.success & ~before.success).astype(jnp.float32)
         removed = (after.eliminations - before.eliminations).astype(jnp.float32)
         seconds = (after.steps - before.steps).astype(jnp.float32) / self.protocol.fps
         return SUCCESS_REWARD * solved + (ELIMINATION_REWARD * removed + SECOND_REWARD * seconds)
 
-    def ending(self, progress: Progress) -> Ending:
+    def ending(self, status: Status) -> Ending:
         """Return the official flags of an episode as it stands."""
-        outcome = progress.outcome
-        stopped = (progress.state.step >= self.protocol.steps) | (outcome.fault != 0)
-        return self.strategy.ending(outcome.success, stopped)
+        stopped = (status.step >= self.protocol.steps) | (status.fault != 0)
+        return self.strategy.ending(status.success, stopped)
 
-    def has_ended(self, progress: Progress) -> jax.Array:
+    def has_ended(self, status: Status) -> jax.Array:
         """Return whether an episode has ended, () bool."""
-        ending = self.ending(progress)
+        ending = self.ending(status)
         return ending.terminated | ending.truncated
 
     def check_dtype(self) -> None:
@@ -270,6 +285,8 @@ class Environment:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 
 
-def _opaque(tree: Tree) -> Tree:
-    """Return arrays out of the compiler's sight: what it does with constants rounds otherwise."""
-    return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, tree))
+def _drawn(key: jax.Array, params: EnvParams) -> jax.Array:
+    """Return a game at random, () int32."""
+    if params.games == 1:
+        return jnp.zeros((), jnp.int32)
+    return jax.random.randint(key, (), 0, params.games, jnp.int32)

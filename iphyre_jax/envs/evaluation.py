@@ -12,11 +12,11 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batch import Batch
-from iphyre_jax.envs.core import Environment, ObservationName
+from iphyre_jax.envs.core import Environment
+from iphyre_jax.envs.observations import ObservationName
 from iphyre_jax.envs.params import SceneLike
 from iphyre_jax.envs.registry import environment_of
-from iphyre_jax.envs.unrolling import ActingPolicy, Steps, unroll_on_threads
+from iphyre_jax.envs.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.reward import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, load_scenes
 
@@ -120,7 +120,8 @@ def evaluate(
     batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
     key = jax.random.key(0) if key is None else key
     decisions = environment.strategy.decisions
-    _, steps = unroll_on_threads(environment, _acting(policy), (), batch, key, decisions=decisions)
+    with jax.enable_x64(dtype == "float64"):
+        _, steps = unroll(environment, _acting(policy), (), batch, key, decisions=decisions)
     return _scores(environment, np.asarray(batch.game), steps)
 
 

@@ -10,6 +10,7 @@ table is kept behind barriers, so that the table itself is one loop of selects o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,13 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.mixture import Mixture
-from iphyre_jax.envs.protocols import FRAMES, Protocol
 from iphyre_jax.observe import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, scene_features
 from iphyre_jax.physics import lanes
-from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
-from iphyre_jax.scenes import MAX_OBJECTS, Scene
+from iphyre_jax.scenes import MAX_OBJECTS, Limits, Scene
 
 NOTHING = -1  # a place without an object
 
@@ -49,7 +48,7 @@ class Features:
     12 objects and 6 slots, or as many as the limits of the scenes allow.
     """
 
-    rows: jax.Array  # (12, 9) the official table at the start, px and flags
+    rows: jax.Array | None  # (12, 9) the official table at the start, px and flags, for pictures; None without them
     seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
     mover: jax.Array  # (n,) int32, object of each moving body, NOTHING if there are fewer
     ends: jax.Array  # (m, 2, 2) px, end points of the moving bars less their centres at angle 0; zero for balls
@@ -59,24 +58,24 @@ class Features:
     candidates: jax.Array  # (6, 2) float32, centres of the eliminable blocks / 600, then zeros
 
 
-def scene_tables(scene: Scene, mixture: Mixture, dtype: str) -> Features:
-    """Return the features of a scene of a mixture (host, NumPy)."""
+def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Features:
+    """Return the features of a scene, filled up to the largest of some topologies (host, NumPy)."""
     host = scene_features(scene)
     rows = object_rows(host, host.position, np.zeros(scene.limits.objects), host.present)
     scaled = rows.astype(np.float32)
     scaled[:, :LENGTH_COLUMNS] /= np.float32(SCREEN)
     movers = np.flatnonzero(scene.dynamic)
-    bars = max(topology.bars for topology in mixture.topologies)
+    bars = max(topology.bars for topology in topologies)
     ends = np.zeros((bars, 2, 2))
     ends[: min(bars, len(movers))] = host.ends[movers[:bars]]
     features: dict[str, Any] = {
         "rows": rows.astype(dtype),
         "seen": scaled.clip(0.0, 1.0),
-        "mover": _padded(movers, max(topology.moving for topology in mixture.topologies)),
+        "mover": _padded(movers, max(topology.moving for topology in topologies)),
         "ends": ends.astype(dtype),
         "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
-        "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in mixture.topologies)),
-        "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in mixture.topologies)),
+        "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in topologies)),
+        "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in topologies)),
         "candidates": host.candidates,
     }
     return Features(**features)
@@ -94,6 +93,35 @@ def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, A
     return padded
 
 
+def feature_shapes(topology: Topology, limits: Limits, dtype: str) -> Features:
+    """Return the shapes of the features of a scene of a topology without its `rows`, as `jax.ShapeDtypeStruct`.
+
+    All numbers are of the physics' dtype.
+    """
+
+    def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
+        return jax.ShapeDtypeStruct(shape, kind)
+
+    objects, blocks = limits.objects, limits.blocks
+    return Features(
+        rows=None,
+        seen=array(objects, COLUMNS),
+        mover=array(topology.moving, kind="int32"),
+        ends=array(topology.bars, 2, 2),
+        slot_object=array(blocks, kind="int32"),
+        joints=array(len(topology.pins), objects, kind="bool"),
+        springs=array(len(topology.springs), objects, kind="bool"),
+        candidates=array(blocks, 2),
+    )
+
+
+def without_rows(features: Features, dtype: str) -> Features:
+    """Return features as `feature_shapes` has them (NumPy)."""
+    return replace(
+        features, rows=None, seen=np.asarray(features.seen, dtype), candidates=np.asarray(features.candidates, dtype)
+    )
+
+
 def own_features(features: Features, topology: Topology) -> Features:
     """Return the features of worlds of one topology without the rows that a larger one of the mixture has."""
     return replace(
@@ -105,72 +133,83 @@ def own_features(features: Features, topology: Topology) -> Features:
     )
 
 
-def standing(world: World, progress: Progress, slots: int) -> jax.Array:
-    """Return which slots of a plan stand for a block that is still there, (slots,) bool."""
-    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(slots)]
-    return jnp.stack(here)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Pose:
+    """Where everything of a world is; n moving bodies, filled up to those of the largest scene."""
+
+    x: jax.Array  # (n,) px
+    y: jax.Array
+    angle: jax.Array  # (n,) rad
+    there: jax.Array  # (12,) bool, objects that are left
+    sound: jax.Array  # () bool, everything is finite
 
 
-def object_table(features: Features, world: World, progress: Progress) -> tuple[jax.Array, jax.Array]:
-    """Return the official table (12, 9) of the physics' dtype, in px, of a world as it is; and which objects are there.
+def pose_of(features: Features, standing: jax.Array, progress: Progress) -> Pose:
+    """Return where everything of a world is; standing: (slots,) bool, slots whose block is still there."""
+    state = progress.state
+    sound = progress.outcome.fault != FAULT_NOT_FINITE
+    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, standing), sound)
+
+
+def objects_there(features: Features, standing: jax.Array) -> jax.Array:
+    """Return which of the twelve objects are there, (12,) bool."""
+    index = lanes.iota(features.seen.shape[0], standing[0])
+    there = features.seen[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    for slot in range(standing.shape[0]):
+        there = there & ((index != features.slot_object[slot][None]) | standing[slot][None])
+    return there
+
+
+def object_table(features: Features, pose: Pose) -> jax.Array:
+    """Return the official table (12, 9) of the physics' dtype, in px, of a world as it is.
 
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
-    there = _there(features, world, progress)
-    placed = jax.lax.optimization_barrier(_placed(features, progress))
-    numbers = [_pair_number(member, there).astype(features.rows.dtype) for member in _members(features)]
-    return _table(features, features.rows, there, placed, numbers), there
+    assert features.rows is not None
+    placed = jax.lax.optimization_barrier(_placed(features, pose))
+    numbers = [_pair_number(member, pose.there).astype(features.rows.dtype) for member in _members(features)]
+    return _table(features, features.rows, pose.there, placed, numbers)
 
 
-def official_rows(features: Features, world: World, progress: Progress) -> jax.Array:
+def official_rows(features: Features, pose: Pose) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    there = _there(features, world, progress)
     # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
     screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
-    placed = [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(features, progress)]
-    flags = [(_pair_number(member, there) > 0).astype(jnp.float32) for member in _members(features)]
-    there = there & _is_sound(progress)[None]
+    placed = [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(features, pose)]
+    flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
+    there = pose.there & pose.sound[None]
     there, placed, flags = jax.lax.optimization_barrier((there, placed, flags))
-    table = _table(features, features.seen, there, placed, flags)
+    table = _table(features, features.seen.astype(jnp.float32), there, placed, flags)
     return table.reshape(-1, *table.shape[2:])
 
 
-def motion(features: Features, progress: Progress, protocol: Protocol) -> jax.Array:
+def motion(features: Features, progress: Progress, steps: jax.Array) -> jax.Array:
     """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
 
-    By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
+    steps: () physics steps of a whole episode. By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
     """
     moves, step = progress.state.motion, progress.state.step
-    objects = features.rows.shape[0]
+    objects = features.seen.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
     for body in range(features.mover.shape[0]):
         speed = jnp.stack([moves.velocity.x[body] / SCREEN, moves.velocity.y[body] / SCREEN, moves.angular[body]])
         here = (index == features.mover[body][None])[:, None]
         table = jnp.where(here, speed.astype(jnp.float32)[None], table)
-    time = step.astype(jnp.float32) / (FRAMES * protocol.steps_per_frame)
+    time = step.astype(jnp.float32) / steps.astype(jnp.float32)
     seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
-    return jnp.where(_is_sound(progress)[None], seen, jnp.zeros((), jnp.float32))
+    sound = progress.outcome.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
+    return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
 
 
-def _there(features: Features, world: World, progress: Progress) -> jax.Array:
-    """Return which of the twelve objects are there, (12,) bool."""
-    blocks = standing(world, progress, features.slot_object.shape[0])
-    index = lanes.iota(features.rows.shape[0], blocks[0])
-    there = features.rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
-    for slot in range(blocks.shape[0]):
-        there = there & ((index != features.slot_object[slot][None]) | blocks[slot][None])
-    return there
-
-
-def _placed(features: Features, progress: Progress) -> list[jax.Array]:
+def _placed(features: Features, pose: Pose) -> list[jax.Array]:
     """Return x1, y1, x2, y2 of each moving body, (4,) px."""
-    position, angle = progress.state.position, progress.state.angle
     placed = []
     for body in range(features.mover.shape[0]):
-        x, y = position.x[body], position.y[body]
+        x, y = pose.x[body], pose.y[body]
         if body < features.ends.shape[0]:
-            cos, sin = jnp.cos(angle[body]), jnp.sin(angle[body])
+            cos, sin = jnp.cos(pose.angle[body]), jnp.sin(pose.angle[body])
             turned = [(end[0] * cos - end[1] * sin, end[0] * sin + end[1] * cos) for end in features.ends[body]]
             placed.append(jnp.stack([part for dx, dy in turned for part in (x + dx, y + dy)]))
         else:
@@ -209,8 +248,3 @@ def _table(
         if member.shape[0]:
             table = jnp.where(column == place, number[:, None], table)
     return jnp.where(there[:, None], table, jnp.zeros((), table.dtype))
-
-
-def _is_sound(progress: Progress) -> jax.Array:
-    """Return whether a world is finite, () bool; of one that is not nothing is shown: no policy should meet a NaN."""
-    return progress.outcome.fault != FAULT_NOT_FINITE

@@ -6,25 +6,22 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.drawing import Drawing, colours, draw, painting_order
-from iphyre_jax.envs.features import Features, object_table
-from iphyre_jax.physics.types import World
-from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+from iphyre_jax.envs.features import Features, Pose, object_table
 
 
-def image(features: Features, world: World, progress: Progress, size: int) -> jax.Array:
+def image(features: Features, pose: Pose, size: int) -> jax.Array:
     """Return the picture of a world, (size, size, 3) uint8; white for a world that is no longer finite."""
-    drawing = drawing_of(features, world, progress)
-    sound = progress.outcome.fault != FAULT_NOT_FINITE
-    return jnp.where(sound, draw(drawing, size), jnp.full((), 255, jnp.uint8))
+    return jnp.where(pose.sound, draw(drawing_of(features, pose), size), jnp.full((), 255, jnp.uint8))
 
 
-def drawing_of(features: Features, world: World, progress: Progress) -> Drawing:
+def drawing_of(features: Features, pose: Pose) -> Drawing:
     """Return what a picture of a world shows."""
-    table, there = object_table(features, world, progress)
+    table, there = object_table(features, pose), pose.there
     start = features.rows
+    assert start is not None
     ball = (start[:, 0] == start[:, 2]) & (start[:, 1] == start[:, 3])  # no bar is so short
     centre = jnp.stack([(table[:, 0] + table[:, 2]) / 2, (table[:, 1] + table[:, 3]) / 2], axis=1)
-    spokes, spoke_length = _spokes(features, ball, progress)
+    spokes, spoke_length = _spokes(features, start[:, 4], ball, pose)
     joints, joint_there = _links(features.joints, centre, there)
     springs, spring_there = _links(features.springs, centre, there)
     order = painting_order(start[:, 6] > 0)
@@ -42,16 +39,15 @@ def drawing_of(features: Features, world: World, progress: Progress) -> Drawing:
     )
 
 
-def _spokes(features: Features, ball: jax.Array, progress: Progress) -> tuple[jax.Array, jax.Array]:
+def _spokes(features: Features, radius: jax.Array, ball: jax.Array, pose: Pose) -> tuple[jax.Array, jax.Array]:
     """Return the radii that show the balls' angles, (n, 4) px, and their lengths, 0 for bodies that are no balls."""
-    position, angle = progress.state.position, progress.state.angle
     index = jnp.arange(ball.shape[0], dtype=jnp.int32)
     spokes, lengths = [], []
     for body in range(features.mover.shape[0]):
-        x, y = position.x[body], position.y[body]
+        x, y, angle = pose.x[body], pose.y[body], pose.angle[body]
         here = (index == features.mover[body]) & ball
-        length = jnp.sum(jnp.where(here, features.rows[:, 4], 0))
-        spokes.append(jnp.stack([x, y, x + length * jnp.cos(angle[body]), y + length * jnp.sin(angle[body])]))
+        length = jnp.sum(jnp.where(here, radius, 0))
+        spokes.append(jnp.stack([x, y, x + length * jnp.cos(angle), y + length * jnp.sin(angle)]))
         lengths.append(length)
     return jnp.stack(spokes), jnp.stack(lengths)
 

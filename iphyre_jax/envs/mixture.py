@@ -24,7 +24,7 @@ from jax.custom_batching import custom_vmap
 from iphyre_jax.envs.rows import Rows
 from iphyre_jax.envs.sorting import play_slices, play_sorted
 from iphyre_jax.envs.stretches import Stretch, play_lanes, start
-from iphyre_jax.meshes import most_lanes
+from iphyre_jax.execution.devices import traced_lanes
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import Progress
 
@@ -55,12 +55,13 @@ class Mixture:
     progresses: tuple[Rows, ...]
 
     @classmethod
-    def of(cls, built: Sequence[tuple[Topology, World]]) -> Mixture:
-        """Return the mixture of some worlds, at least one."""
-        first = dict(reversed(built))
-        topologies = tuple(dict.fromkeys(topology for topology, _ in built))
-        starts = (jax.eval_shape(partial(start, topology), first[topology]) for topology in topologies)
-        return cls(topologies, tuple(Rows.of(first[t]) for t in topologies), tuple(map(Rows.of, starts)))
+    @cache
+    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> Mixture:
+        """Return the mixture of some topologies, at least one; dtype: of the physics."""
+        with jax.enable_x64(dtype == "float64"):
+            worlds = [World.shapes(topology, dtype) for topology in topologies]
+            starts = [jax.eval_shape(partial(start, t), world) for t, world in zip(topologies, worlds, strict=True)]
+        return cls(topologies, tuple(map(Rows.of, worlds)), tuple(map(Rows.of, starts)))
 
     def only(self, kind: int) -> Mixture:
         """Return the mixture of one of the topologies."""
@@ -125,7 +126,7 @@ def _play(mixture: Mixture, timing: Timing, games: Games, stretch: Stretch, prog
     if stretch.game.ndim == 0:
         return jax.lax.switch(games.kind[stretch.game], branches, stretch, progress)
     size = stretch.game.shape[0]
-    lanes = min(size, most_lanes())
+    lanes = min(size, traced_lanes())
     if len(branches) == 1:
         return play_slices(branches[0], lanes, stretch, progress)
     return play_sorted(branches, lanes, games.kind[stretch.game], stretch, progress)

@@ -1,99 +1,91 @@
-"""Scenes as the data of an environment, and the state of an episode."""
+"""The data of an environment: its games, and the state of an episode. Opaque to who uses them, but for what is named."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from os import PathLike
-from typing import TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
-from iphyre_jax.envs.features import Features, scene_tables
-from iphyre_jax.envs.mixture import Games, Mixture
-from iphyre_jax.envs.protocols import Protocol
-from iphyre_jax.envs.stretches import start
-from iphyre_jax.physics.types import World
-from iphyre_jax.programs import built
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.envs.features import Features, Pose
+from iphyre_jax.envs.status import Status
 from iphyre_jax.scenes import Scene
 
 SceneLike = str | PathLike[str] | Scene
-Tree = TypeVar("Tree")
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class EnvParams:
+class EnvParams(ABC):
     """The games of an environment, one a row of every array; an episode begins with one of them at random."""
 
-    table: Games  # as the solver reads them
-    start: Progress  # before the first step
-    features: Features  # what an observation needs
-
     @property
+    @abstractmethod
     def games(self) -> int:
         """The number of games."""
-        return self.table.kind.shape[-1]
 
     @property
-    def world(self) -> World:
-        """The games as worlds of the solver."""
-        return self.table.world
+    @abstractmethod
+    def kind(self) -> jax.Array:
+        """Topology of each game, (games,) int32, an index into those of the environment."""
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class EnvState:
-    """An episode of one game."""
+class EnvState(ABC):
+    """An episode of one game: a tree of arrays, each with an axis in front for a batch of episodes."""
 
-    progress: Progress  # of the physics
-    game: jax.Array  # () int32, row of the parameters
-    used: jax.Array  # (slots,) bool, slots that a combined plan has executed
-
-
-def mixture_of(scenes: Sequence[Scene], protocol: Protocol, dtype: str) -> Mixture:
-    """Return the topologies of some scenes."""
-    with jax.enable_x64(dtype == "float64"):
-        return Mixture.of([built(scene, protocol.resets, dtype) for scene in scenes])
+    @property
+    @abstractmethod
+    def game(self) -> jax.Array:
+        """Row of the parameters, () int32."""
 
 
-def make_params(scenes: Sequence[Scene], mixture: Mixture, protocol: Protocol, dtype: str) -> EnvParams:
-    """Return scenes as parameters.
+class Played(NamedTuple):
+    """One decision of an episode."""
 
-    Args:
-        scenes: at least one.
-        mixture: of an environment; all scenes must be of its topologies.
-        protocol: of the environment.
-        dtype: of the physics, "float32" or "float64".
-
-    Raises:
-        ValueError: a scene's topology is not of the mixture; one line.
-    """
-    kinds: list[int] = []
-    rows: list[tuple[World, Progress]] = []
-    with jax.enable_x64(dtype == "float64"):
-        for scene in scenes:
-            topology, world = built(scene, protocol.resets, dtype)
-            if topology not in mixture.topologies:
-                raise ValueError(
-                    f"scenes: expected topologies of this environment, but {scene.name} has another; "
-                    "make the environment with this scene among its own"
-                )
-            kinds.append(mixture.topologies.index(topology))
-            rows.append((mixture.world.fill(world), mixture.progress.fill(start(topology, world))))
-        world, progress = _table(rows)
-        features = _table([scene_tables(scene, mixture, dtype) for scene in scenes])
-        return EnvParams(Games(world, jnp.asarray(kinds, jnp.int32)), progress, features)
+    state: Any  # now; of the next episode if this one has ended
+    seen: jax.Array  # of that state
+    status: Status  # after the decision, of the episode that was played
+    last_state: Any  # of the episode that was played; None if it was not asked for
+    last_seen: jax.Array | None  # of that state
 
 
-def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays row by row, on the device."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
+class Worlds(Protocol):
+    """How episodes are begun, played and seen; written for one world, to be mapped. See `host_worlds`, `traced_worlds`."""
 
+    def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
+        """Return scenes as parameters."""
 
-def row(table: Tree, index: jax.Array) -> Tree:
-    """Return one row of every array of a tree."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[index], table)
+    def alone(self, params: Any, game: int) -> Any:  # noqa: ANN401
+        """Return the parameters of one game, for worlds of its topology alone (host)."""
+
+    def begin(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
+        """Return what is seen, and the state, of an episode before its first step."""
+
+    def play(
+        self,
+        params: Any,  # noqa: ANN401
+        state: Any,  # noqa: ANN401
+        plan: jax.Array,
+        until: jax.Array,
+        executed: jax.Array,
+        next_game: jax.Array,
+    ) -> Played:
+        """Play on.
+
+        Args:
+            params: the games.
+            state: of the episode.
+            plan: (slots,) int32, the step before which each slot's block goes; -1 or a step gone by: it stays.
+            until: () int32, the step to play to, unless the episode ends before.
+            executed: (slots,) bool, slots that a combined plan has executed then.
+            next_game: () int32, the game of the episode that follows if this one has ended; -1 for none.
+        """
+
+    def status(self, params: Any, state: Any) -> Status:  # noqa: ANN401
+        """Return the status of an episode."""
+
+    def observe(self, params: Any, state: Any) -> jax.Array:  # noqa: ANN401
+        """Return what is seen of an episode, but for pictures."""
+
+    def pose(self, params: Any, state: Any) -> tuple[Features, Pose]:  # noqa: ANN401
+        """Return what a picture of an episode needs."""

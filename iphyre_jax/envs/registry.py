@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Final, get_args
 
-from iphyre_jax.envs.core import Environment, ObservationName
-from iphyre_jax.envs.params import EnvParams, SceneLike, make_params, mixture_of
+from iphyre_jax.envs.core import BackendName, Environment
+from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.params import EnvParams, SceneLike
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.devices import on_cpu
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scenes
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
@@ -59,8 +62,10 @@ def make(
     observation: ObservationName = "official",
     image_size: int | None = None,
     autoreset: bool = True,
+    final_observation: bool = False,
     official_bugs: bool = False,
     limits: Limits | None = None,
+    backend: BackendName | None = None,
 ) -> tuple[Environment, EnvParams]:
     """Return an environment and the parameters with its games.
 
@@ -72,11 +77,13 @@ def make(
         dtype: of the physics, "float32" or "float64"; the latter is used under `jax.enable_x64(True)`.
         observation: "official", "motion" or "image"; see `Environment`.
         image_size: px, side of the images (with observation="image" only; 600 by default, as the official ones).
-        autoreset: whether `step` begins the next episode when one ends; the last observation is in
-            info["final_observation"] either way.
+        autoreset: whether `step` begins the next episode when one ends.
+        final_observation: whether `info` has, as "final_observation", what was seen of an episode when it ended; it
+            costs as much memory as the observations themselves where infos are kept.
         official_bugs: reproduce plain faults of the official code too: the 151st frame of the combined strategy.
         limits: of all its scenes: rows of an observation and slots of an action; by default the least that allow what
             the scenes' own do.
+        backend: "host", "xla", see `Environment`; by default "host" if JAX's default device is a CPU, else "xla".
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -96,7 +103,9 @@ def make(
         observation=observation,
         image_size=image_size,
         autoreset=autoreset,
+        final_observation=final_observation,
         official_bugs=official_bugs,
+        backend=backend,
     )
 
 
@@ -110,7 +119,9 @@ def environment_of(
     observation: ObservationName,
     image_size: int | None,
     autoreset: bool,
+    final_observation: bool = False,
     official_bugs: bool = False,
+    backend: BackendName | None = None,
 ) -> tuple[Environment, EnvParams]:
     """Return the environment of some scenes, all of the same limits; the rest as `make` takes it.
 
@@ -121,21 +132,25 @@ def environment_of(
         raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
     if observation not in get_args(ObservationName):
         raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
+    if backend not in (None, *get_args(BackendName)):
+        raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
     timing, limits = protocol_named(protocol), scenes[0].limits
-    mixture = mixture_of(scenes, timing, dtype)
+    built = [cached_world(scene, timing.resets, dtype) for scene in scenes]
     environment = Environment(
         name=name,
         games=tuple(scene.name for scene in scenes),
         strategy=strategy_named(strategy, official_bugs=official_bugs, slots=limits.blocks),
         protocol=timing,
-        mixture=mixture,
+        topologies=tuple(dict.fromkeys(topology for topology, _ in built)),
         dtype=dtype,
         observation=observation,
         image_size=_image_size(image_size, observation),
         autoreset=autoreset,
+        final_observation=final_observation,
         limits=limits,
+        backend=backend or ("host" if on_cpu() else "xla"),
     )
-    return environment, make_params(scenes, mixture, timing, dtype)
+    return environment, environment.params_of(scenes)
 
 
 def _image_size(size: int | None, observation: str) -> int:

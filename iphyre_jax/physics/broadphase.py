@@ -39,6 +39,11 @@ class Counters:
         self.max_steps = (self.newest - COUNTER_START) // self.per_step - 1
 
 
+def max_steps(topology: Topology) -> int:
+    """Return how many steps an episode of a topology may have: more would not fit the counters."""
+    return Counters(topology.moving).max_steps
+
+
 def overlap(a: Box, b: Box) -> jax.Array:
     """Return whether boxes overlap, touching included."""
     return (a.left <= b.right) & (b.left <= a.right) & (a.top <= b.bottom) & (b.top <= a.bottom)

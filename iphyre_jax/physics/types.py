@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax
 
@@ -90,6 +91,44 @@ class World:
     start_depth: jax.Array  # (n,) int32
     static_counter: jax.Array  # (n * S,) int32, insertion counter of a body's pair with a static bar at the start
     pair_counter: jax.Array  # (P,) int32, the same of the pairs of moving bodies
+
+    @classmethod
+    def shapes(cls, topology: Topology, dtype: str) -> World:
+        """Return the shapes and types of the world of a topology, as `jax.ShapeDtypeStruct`; dtype: of its numbers."""
+        n, m, places, ties = topology.moving, topology.bars, topology.statics, len(topology.constraints)
+
+        def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
+            return jax.ShapeDtypeStruct(shape, kind)
+
+        def vec(rows: int) -> Vec:
+            return Vec(array(rows), array(rows))
+
+        def whole(*shape: int) -> Any:  # noqa: ANN401
+            return array(*shape, kind="int32")
+
+        return cls(
+            start=vec(n),
+            radius=array(topology.balls),
+            inv_moment=array(n),
+            bar_a=vec(m),
+            bar_b=vec(m),
+            bar_normal=vec(m),
+            static_a=vec(places),
+            static_b=vec(places),
+            static_normal=vec(places),
+            static_centre=vec(places),
+            exists=array(places, kind="bool"),
+            column=whole(places),
+            anchor=vec(ties),
+            anchor_bar=whole(ties),
+            pin_length=array(len(topology.pins)),
+            point_class=whole(4, len(topology.bar_pairs)),
+            leaf_order=whole(n),
+            start_path=whole(n),
+            start_depth=whole(n),
+            static_counter=whole(n * places),
+            pair_counter=whole(len(topology.pairs)),
+        )
 
 
 @jax.tree_util.register_dataclass

@@ -1,0 +1,263 @@
+"""Episodes of many worlds, played by the host in NumPy and executables: one decision of all of them at a time."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.envs.protocols import Protocol
+from iphyre_jax.envs.status import status_words
+from iphyre_jax.envs.step_program import BEGIN, EnvStep, scene_layout
+from iphyre_jax.execution import configuration
+from iphyre_jax.execution.client import OnClient, aligned, aligned_copy
+from iphyre_jax.execution.executables import executable, prepare
+from iphyre_jax.execution.programs import clock
+from iphyre_jax.execution.threads import run_all
+from iphyre_jax.scenes.build import timing
+
+ID_WORDS: Final = 2  # in front of a scene's words: tells its content from any other
+TABLES_KEPT: Final = 16  # sets of scenes
+LAID_OUT_KEPT: Final = 64  # scenes of tasks, some hundred kilobytes each
+
+Ints = npt.NDArray[np.signedinteger[Any]]
+Rows = npt.NDArray[np.intp] | slice
+STEP, SUCCESS, FAULT = 1, 2, 5  # words of a packed status
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Worlds of one topology that one call plays."""
+
+    number: int  # among the tasks of its kind
+    kind: int
+    rows: Rows
+    games: Ints  # of the worlds, sorted
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all worlds are of one game."""
+        return bool(self.games[0] == self.games[-1])
+
+    def padded(self, lanes: int) -> Ints:
+        """Return the game of each lane, (lanes,); spare ones repeat the last world."""
+        return self.games[np.minimum(np.arange(lanes), len(self.games) - 1)]
+
+
+class _Table:
+    """A set of scenes: sorted, cut to their own words, and as they begin."""
+
+    def __init__(self, key: bytes, scenes: Ints, kind: Ints, programs: Sequence[EnvStep]) -> None:
+        self.key, self.kind = key, np.array(kind)
+        self.kinds = np.unique(kind).tolist()
+        rank = np.empty(len(kind), np.uint16 if len(kind) < 2**16 else np.int64)
+        rank[np.argsort(kind, kind="stable")] = np.arange(len(kind))
+        self.rank = rank  # place of each game among all, sorted by topology
+        layouts = [scene_layout(program.topology, program.limits, program.dtype) for program in programs]
+        self.scenes = [np.ascontiguousarray(scenes[:, ID_WORDS : ID_WORDS + layout.rows]) for layout in layouts]
+        self.words: Ints = np.zeros(0, scenes.dtype)  # (games, words) of each game before its first step
+        self.seen: npt.NDArray[Any] = np.zeros(0)  # what is seen of it
+
+
+class HostStep:
+    """Plays batches of worlds of some topologies, on all threads that `configure` allows.
+
+    Args:
+        programs: one for each topology, the same but for that.
+        protocol: timing of the episodes.
+    """
+
+    def __init__(self, programs: Sequence[EnvStep], protocol: Protocol) -> None:
+        self.programs = tuple(programs)
+        self.blocks = programs[0].limits.blocks
+        self.status = status_words(self.blocks)
+        self.row = max(program.row for program in programs)
+        self._steps = protocol.steps
+        self._counts = OnClient(np.array([protocol.steps, 1], np.int32))
+        self._clock = OnClient(clock(timing(protocol.fps, programs[0].dtype)))
+        self._tables: OrderedDict[bytes, _Table] = OrderedDict()
+        self._uniform: OrderedDict[tuple[bytes, int], OnClient] = OrderedDict()
+        self._mixed: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
+        self._lock = threading.Lock()
+        self._local = threading.local()
+
+    def prepare(self) -> None:
+        """Compile and load what is needed."""
+        prepare(self.programs)
+
+    def begin(self, scenes: Ints, kind: Ints, game: Ints) -> tuple[Ints, npt.NDArray[Any]]:
+        """Return episodes of games before their first step, (B, words), and what is seen of them."""
+        table = self._table(scenes, kind)
+        words = table.words[game]
+        words[:, 0] = game
+        return words, table.seen[game]
+
+    def play(
+        self,
+        scenes: Ints,
+        kind: Ints,
+        episodes: Ints,
+        orders: Ints,
+        next_game: Ints,
+        out: tuple[Ints, npt.NDArray[Any], Ints],
+        final: tuple[Ints, npt.NDArray[Any]] | None,
+    ) -> None:
+        """Play episodes on, and begin the next ones of those that end.
+
+        Args:
+            scenes: (games, words) as of `host_worlds`.
+            kind: (games,) topology of each.
+            episodes: (B, words).
+            orders: (B, 2 slots + 1) as of `EnvStep`.
+            next_game: (B,) game that follows an episode; -1 for none.
+            out: is filled with episodes (B, words), what is seen of them, and the packed status of those played.
+            final: is filled with the episodes played as they are then, and what is seen of them.
+        """
+        table, (words, seen, status) = self._table(scenes, kind), out
+        tasks = self._tasks(table, episodes[:, 0])
+        work = partial(self._run, table, episodes, orders, (words, seen))
+        if len(tasks) == 1:
+            work(tasks[0])
+        else:
+            run_all(work, tasks)
+        status[:] = words[:, : self.status]
+        if final is not None:
+            final[0][:], final[1][:] = words, seen
+        done = (status[:, SUCCESS] != 0) | (status[:, FAULT] != 0) | (status[:, STEP] >= self._steps)
+        ended = np.flatnonzero(done & (next_game >= 0))
+        if ended.size:
+            games = next_game[ended]
+            words[ended], seen[ended] = table.words[games], table.seen[games]
+            words[ended, 0] = games
+
+    def _table(self, scenes: Ints, kind: Ints) -> _Table:
+        key = scenes[:, :ID_WORDS].tobytes() + kind.tobytes()
+        with self._lock:
+            if key in self._tables:
+                self._tables.move_to_end(key)
+                return self._tables[key]
+        table = _Table(key, scenes, kind, self.programs)
+        self._set_starts(table)
+        with self._lock:
+            self._tables[key] = table
+            while len(self._tables) > TABLES_KEPT:
+                self._tables.popitem(last=False)
+        return table
+
+    def _set_starts(self, table: _Table) -> None:
+        """Find out how each game begins."""
+        games = np.arange(len(table.kind))
+        orders = np.full((len(games), 2 * self.blocks + 1), -1, np.int32)
+        orders[:, self.blocks], orders[:, self.blocks + 1 :] = BEGIN, 0
+        episodes = np.zeros((len(games), self.row), table.scenes[0].dtype)
+        episodes[:, 0] = games
+        seen = np.zeros((len(games), self.programs[0].seen), np.float32)
+        words = np.zeros_like(episodes)
+        for task in self._tasks(table, games):
+            self._run(table, episodes, orders, (words, seen), task)
+        table.words, table.seen = words, seen
+
+    def _tasks(self, table: _Table, game: Ints) -> list[_Task]:
+        """Sort worlds by topology and game, and cut them into tasks; those of most moving bodies come first."""
+        if len(table.kind) == 1:
+            return self._cut(table.kinds[0], None, game)
+        order = np.argsort(table.rank[game], kind="stable")
+        games = game[order]
+        counts = np.bincount(table.kind[games], minlength=len(self.programs))
+        ends = np.cumsum(counts)
+        tasks = []
+        for kind in sorted(table.kinds, key=lambda kind: -self.programs[kind].topology.moving):
+            if counts[kind]:
+                part = slice(ends[kind] - counts[kind], ends[kind])
+                tasks += self._cut(kind, order[part], games[part])
+        return tasks
+
+    def _cut(self, kind: int, rows: npt.NDArray[np.intp] | None, games: Ints) -> list[_Task]:
+        """Cut the worlds of one topology into tasks, as many as there are threads if they are full."""
+        program, count = self.programs[kind], len(games)
+        share = -(-count // (configuration.threads() * program.lanes)) * program.lanes
+        size = min(max(share, program.lanes), program.lanes)
+        parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+        return [
+            _Task(number, kind, part if rows is None else rows[part], games[part]) for number, part in enumerate(parts)
+        ]
+
+    def _run(
+        self, table: _Table, episodes: Ints, orders: Ints, out: tuple[Ints, npt.NDArray[Any]], task: _Task
+    ) -> None:
+        """Play the worlds of one task."""
+        program, count = self._program(task), len(task.games)
+        row, width = program.row, self.row
+        worlds = self._scratch(task.kind)
+        _copy_rows(worlds[:count, :row], episodes[:, :row], None, task.rows)
+        _copy_rows(worlds[:count, row:], orders, None, task.rows)
+        if count < program.lanes:  # spare lanes repeat the last world and wait
+            worlds[count:] = worlds[count - 1]
+            worlds[count:, row + self.blocks] = worlds[count - 1, STEP]
+        after = executable(program)(self._scenes(table, task), worlds, self._clock, self._counts)[0]
+        _copy_rows(out[0][:, :row], after[:count, :row], task.rows, None)
+        if row < width:
+            out[0][task.rows, row:] = 0
+        seen = after[:count, row:]
+        _copy_rows(out[1], seen.view(np.float32) if seen.itemsize == out[1].itemsize else _floats(seen), task.rows, None)
+
+    def _program(self, task: _Task) -> EnvStep:
+        return replace(self.programs[task.kind], one_scene=True) if task.is_uniform else self.programs[task.kind]
+
+    def _scratch(self, kind: int) -> Ints:
+        """Return this thread's table of worlds for the calls of a program."""
+        kept = self._local.__dict__.setdefault("tables", {})
+        if kind not in kept:
+            shape = self.programs[kind].arguments()[1]
+            kept[kind] = aligned(shape.shape, shape.dtype)
+        table: Ints = kept[kind]
+        return table
+
+    def _scenes(self, table: _Table, task: _Task) -> OnClient:
+        """Return the words of a task's scenes, (words, lanes), laid out before if they were wanted before."""
+        lanes, words = self.programs[task.kind].lanes, table.scenes[task.kind]
+        if task.is_uniform:
+            key = table.key, int(task.games[0])
+            kept = self._uniform.get(key)
+            if kept is None:
+                kept = OnClient(words[task.games[0]][:, None])
+                self._keep(self._uniform, key, kept)
+            return kept
+        place, games = (table.key, task.kind, task.number), task.padded(lanes)
+        with self._lock:
+            there, laid, given = self._mixed.get(place, (None, None, None))
+        if there is None or laid is None or given is None or not np.array_equal(there, games):
+            # A new array, for another thread may be reading the old one.
+            changed = np.arange(lanes) if there is None else np.flatnonzero(there != games)
+            laid = aligned((words.shape[1], lanes), words.dtype) if laid is None else aligned_copy(laid)
+            laid[:, changed] = words[games[changed]].T
+            given = OnClient(laid)
+            self._keep(self._mixed, place, (games, laid, given))
+        return given
+
+    def _keep(self, kept: OrderedDict[Any, Any], key: tuple[object, ...], value: object) -> None:
+        with self._lock:
+            kept[key] = value
+            while len(kept) > LAID_OUT_KEPT:
+                kept.popitem(last=False)
+
+
+def _copy_rows(to: npt.NDArray[Any], source: npt.NDArray[Any], to_rows: Rows | None, source_rows: Rows | None) -> None:
+    """Copy rows of one table to rows of another, each row as one piece of memory; None for all rows in order."""
+    one, other = (_pieces(table) for table in (to, source))
+    one[slice(None) if to_rows is None else to_rows] = other if source_rows is None else other[source_rows]
+
+
+def _pieces(table: npt.NDArray[Any]) -> npt.NDArray[np.void]:
+    """Return a table's rows as single values."""
+    return table.view(np.dtype((np.void, table.shape[1] * table.itemsize)))[:, 0]
+
+
+def _floats(bits: Ints) -> npt.NDArray[np.float32]:
+    return np.ascontiguousarray(bits.astype(np.int32)).view(np.float32)

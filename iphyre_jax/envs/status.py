@@ -1,0 +1,57 @@
+"""What every part of an environment asks of an episode, whatever its topology: clock, outcome, blocks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.types import World
+from iphyre_jax.rollouts import Progress
+
+
+class Status(NamedTuple):
+    """An episode as it stands. Shapes are those of one world; lanes may stand behind every axis."""
+
+    game: jax.Array  # () int32, row of the parameters
+    step: jax.Array  # () int32, physics steps on its clock
+    success: jax.Array  # () bool
+    steps: jax.Array  # () int32, physics steps made, the solving one included
+    eliminations: jax.Array  # () int32, blocks removed by then
+    fault: jax.Array  # () int32, 0 for a sound world, see `rollouts`
+    standing: jax.Array  # (slots,) bool, slots of a plan whose block is still there
+    executed: jax.Array  # (slots,) bool, slots that a combined plan has executed
+
+
+def status_of(game: jax.Array, world: World, progress: Progress, executed: jax.Array) -> Status:
+    """Return the status of an episode."""
+    out = progress.outcome
+    there = standing(world, progress, executed.shape[0])
+    return Status(
+        game, progress.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed
+    )
+
+
+def standing(world: World, progress: Progress, slots: int) -> jax.Array:
+    """Return which slots of a plan stand for a block that is still there, (slots,) bool."""
+    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(slots)]
+    return jnp.stack(here)
+
+
+def status_words(slots: int) -> int:
+    """Return how many words a packed status has."""
+    return 6 + 2 * slots
+
+
+def status_rows(status: Status) -> list[jax.Array]:
+    """Return the words of a status, each () int32; lanes stay behind."""
+    return [part.astype(jnp.int32) for part in (*status[:6], *status.standing, *status.executed)]
+
+
+def unpack_status(words: jax.Array) -> Status:
+    """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
+    slots = (words.shape[0] - 6) // 2
+    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(6))
+    return Status(game, step, success != 0, steps, eliminations, fault, words[6 : 6 + slots] != 0, words[6 + slots :] != 0)

@@ -1,0 +1,125 @@
+"""The folder in which compiled programs are kept between processes.
+
+A compiled program is machine code, so whoever can write the folder could run code as this user. It must therefore be
+this user's own, and nobody else may write it or an entry in it; both are checked at each use. The sum in an entry finds
+damage, not malice.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
+OFF_WORDS = ("0", "off", "no", "false")
+MAGIC = b"iphyre_jax program\n"
+SUFFIX = ".program"
+KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when another is written
+
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+def private_folder(folder: Path) -> Path:
+    """Return the folder, made with mode 0700 if it is missing.
+
+    Raises:
+        ValueError: one line; it cannot be made, or somebody else owns it or may write it.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        about = folder.stat()
+    except OSError as error:
+        raise ValueError(f"cache: cannot use {folder}: {error.strerror}") from None
+    if problem := _distrusted(about):
+        raise ValueError(f"cache: {problem.format(folder)}; expected a folder of this user with mode 0700")
+    return folder
+
+
+def default_folder() -> Path | None:
+    """Return the folder that the environment names, else `iphyre_jax` in the user's cache folder; None if turned off.
+
+    Raises:
+        ValueError: one line; see `private_folder`.
+    """
+    named = os.environ.get(CACHE_VARIABLE, "")
+    if named.lower() in OFF_WORDS:
+        return None
+    if named:
+        return private_folder(Path(named).expanduser())
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        return private_folder((Path(home) if Path(home).is_absolute() else Path.home() / ".cache") / "iphyre_jax")
+    except RuntimeError as error:  # Path.home() finds no home
+        raise ValueError(f"cache: {error}") from None
+
+
+def entry_path(folder: Path, key: Mapping[str, Any]) -> Path:
+    """Return the path of the entry with a key of JSON values."""
+    return folder / (hashlib.sha256(_canonical(key)).hexdigest()[:32] + SUFFIX)
+
+
+def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
+    """Return what an entry holds; None if it is missing, damaged, somebody else's, or has another key."""
+    try:
+        with path.open("rb") as file:
+            if _distrusted(os.fstat(file.fileno())) or file.readline() != MAGIC:
+                return None
+            header, payload = json.loads(file.readline()), file.read()
+    except (OSError, ValueError):
+        return None
+    if not isinstance(header, dict) or header.get("key") != json.loads(_canonical(key)):
+        return None
+    if header.get("sha256") != hashlib.sha256(payload).hexdigest():
+        return None
+    try:
+        os.utime(path)  # it is in use
+    except OSError:
+        pass
+    return payload
+
+
+def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:
+    """Write an entry in one move, for other processes may read or write it now.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    header = {"key": key, "sha256": hashlib.sha256(payload).hexdigest()}
+    draft = path.with_suffix(f".{os.getpid()}.draft")
+    try:
+        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+            file.write(MAGIC + _canonical(header) + b"\n" + payload)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def remove_old_entries(folder: Path) -> None:
+    """Remove entries, and drafts of processes that were killed, which nobody has used for KEEP_DAYS."""
+    before = time.time() - KEEP_DAYS * 86400
+    for path in [*folder.glob(f"*{SUFFIX}"), *folder.glob("*.draft")]:
+        try:
+            if path.stat().st_mtime < before:
+                path.unlink()
+        except OSError:
+            continue  # somebody else removed it
+
+
+def _canonical(value: Mapping[str, Any]) -> bytes:
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
+
+
+def _distrusted(about: os.stat_result) -> str | None:
+    """Return why a file or folder is not to be trusted, with a place for its name; None if it is."""
+    if not hasattr(os, "geteuid"):  # there the system keeps a user's folders from the others
+        return None
+    if about.st_uid != os.geteuid():
+        return "{} belongs to another user"
+    return "others may write {}" if about.st_mode & _OTHERS_WRITE else None

@@ -1,0 +1,92 @@
+"""Executables in a client of their own: a CPU that no setting of the user's JAX reaches.
+
+The client runs a program in the thread that asks, so a program may be asked for inside a callback of another one
+without waiting for a free thread, and any number of threads may ask at once. Arrays go in and out as NumPy arrays,
+without a copy where they are aligned.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+import numpy.typing as npt
+from jax.sharding import SingleDeviceSharding
+from jaxlib import xla_client
+
+Arrays = tuple[npt.NDArray[Any], ...]
+
+ALIGNMENT = 64  # bytes
+
+
+@cache
+def _client() -> Any:  # noqa: ANN401 - jaxlib has no types
+    return xla_client.make_cpu_client(asynchronous=False)
+
+
+class Executable:
+    """A loaded program: arrays in, NumPy arrays out; any number of threads may call it.
+
+    Args:
+        payload: what the compiling process has written.
+
+    Raises:
+        Exception: whatever jaxlib raises for a payload that it cannot load.
+    """
+
+    def __init__(self, payload: bytes) -> None:
+        self._loaded = _client().deserialize_executable(payload, xla_client.DeviceList(tuple(_devices())))
+
+    def __call__(self, *arrays: npt.NDArray[Any] | OnClient) -> Arrays:
+        """Run the program; arrays must have its shapes and types, and must not change before the call returns."""
+        given = [array.array if isinstance(array, OnClient) else _put(array) for array in arrays]
+        results = self._loaded.execute_sharded(given).disassemble_into_single_device_arrays()
+        return tuple(np.asarray(shards[0]) for shards in results)
+
+
+class OnClient:
+    """An array that executables take again and again without any work; it must not change.
+
+    Args:
+        array: of any strides.
+    """
+
+    def __init__(self, array: npt.NDArray[Any]) -> None:
+        self.array = _put(array)
+
+
+def _put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
+    return xla_client.batched_device_put(_aval(array.shape, array.dtype), _sharding(), [array], _devices(), True)
+
+
+@cache
+def _aval(shape: tuple[int, ...], dtype: np.dtype[Any]) -> jax.core.ShapedArray:
+    return jax.core.ShapedArray(shape, dtype)
+
+
+@cache
+def _devices() -> list[Any]:
+    devices: list[Any] = _client().local_devices()[:1]
+    return devices
+
+
+@cache
+def _sharding() -> SingleDeviceSharding:
+    return SingleDeviceSharding(_devices()[0])
+
+
+def aligned(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return an array of zeros that an executable takes without a copy."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % ALIGNMENT
+    return memory[start : start + size].view(dtype).reshape(shape)
+
+
+def aligned_copy(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a copy that an executable takes without another one."""
+    copy = aligned(array.shape, array.dtype)
+    copy[:] = array
+    return copy

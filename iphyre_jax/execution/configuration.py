@@ -1,0 +1,174 @@
+"""`configure`: threads, devices and the cache folder of a process. Nothing needs it; the defaults are good."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import jax
+from jax.experimental.compilation_cache import compilation_cache
+
+from iphyre_jax.execution.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
+
+SHORTEST_COMPILATION = 0.1  # s: quicker ones are not worth a file; JAX's own limit, 1 s, leaves out many of ours
+DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What `configure` has reached.
+
+    Attributes:
+        threads: groups of worlds that are played side by side, while one more is made ready or collected.
+        cache: folder of compiled programs, or None if none is kept.
+        compile_timeout: s, longest compilation of one program, or None for no limit.
+    """
+
+    threads: int
+    cache: Path | None
+    compile_timeout: float | None
+
+
+@dataclass
+class _Settings:
+    """What holds for this process."""
+
+    threads: int | None = None  # None: one for each usable core
+    folder: Path | None = None
+    folder_is_known: bool = False
+    compile_timeout: float | None = None
+    jax_folder: Path | None = None  # the folder that `configure` has given to JAX, if it has
+
+
+_settings = _Settings()
+
+
+def usable_cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def threads() -> int:
+    """Number of threads that play groups of worlds."""
+    return _settings.threads or usable_cores()
+
+
+def compile_timeout() -> float | None:
+    """Seconds that the compilation of one program may take; None for no limit."""
+    return _settings.compile_timeout
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of compiled programs, None without one; one that cannot be used is told in one warning."""
+    if not _settings.folder_is_known:
+        try:
+            _settings.folder = default_folder()
+        except ValueError as error:
+            warnings.warn(f"compiled programs are not kept ({error})", RuntimeWarning, stacklevel=2)
+        _settings.folder_is_known = True
+    return _settings.folder
+
+
+def configure(
+    *,
+    devices: int | None = None,
+    cache: bool | str | PathLike[str] | None = None,
+    compile_timeout: float | None = None,
+    options: bool | None = None,
+) -> Configuration:
+    """Set threads, CPU devices, cache folder and time limits of this process.
+
+    No call needs it: by default all usable cores play, and compiled programs are kept in the user's cache folder. It
+    also gives the cache folder to JAX, so that programs of your own are kept there too.
+
+    Args:
+        devices: threads that play, and CPU devices that JAX shows if it has not started yet. By default one thread for
+            each core this process may use, and JAX's own number of devices.
+        cache: folder in which compiled programs are kept between processes, made with mode 0700; False for none. By
+            default the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's
+            cache folder (XDG_CACHE_HOME or ~/.cache); JAX keeps a folder that it has been given already.
+        compile_timeout: s, longest compilation of one program, after which a TimeoutError is raised; None for no limit.
+        options: does nothing any more; compiler options are never set in this process.
+
+    Returns:
+        What holds now.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected, also for a cache folder that others own
+            or may write.
+    """
+    if devices is not None and (isinstance(devices, bool) or not isinstance(devices, int) or devices < 1):
+        raise ValueError(f"devices: expected a whole number of at least 1, got {devices!r}")
+    if compile_timeout is not None and (
+        isinstance(compile_timeout, bool) or not isinstance(compile_timeout, int | float) or not compile_timeout > 0
+    ):
+        raise ValueError(f"compile_timeout: expected a positive number of seconds or None, got {compile_timeout!r}")
+    if options is not None:
+        text = "configure(options=...) does nothing any more: compiler options are never set in this process"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+    problems: list[str] = []
+    folder = _folder(cache, problems)
+    if devices is not None:
+        _set_devices(devices, problems)
+    _give_to_jax(folder, keep_foreign=cache is None and not os.environ.get(CACHE_VARIABLE))
+    _settings.threads, _settings.compile_timeout = devices, compile_timeout
+    _settings.folder, _settings.folder_is_known = folder, True
+    if problems:
+        warnings.warn("configure: " + "; ".join(problems), RuntimeWarning, stacklevel=2)
+    return Configuration(threads(), folder, compile_timeout)
+
+
+def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Path | None:
+    """Return the private folder to use; a default one that cannot be used is a problem, not an error."""
+    if cache is None or cache is True:
+        try:
+            return default_folder()
+        except ValueError as error:
+            if os.environ.get(CACHE_VARIABLE):
+                raise
+            problems.append(f"compiled programs are not kept ({error})")
+            return None
+    if cache is False or (isinstance(cache, str) and cache.lower() in OFF_WORDS):
+        return None
+    if not isinstance(cache, str | PathLike):
+        raise ValueError(f"cache: expected a folder, True, False or None, got {cache!r}")
+    return private_folder(Path(cache).expanduser())
+
+
+def _jax_has_started() -> bool:
+    """Whether JAX has made its clients; it has no public way to ask without making them."""
+    from jax._src import xla_bridge
+
+    return xla_bridge.backends_are_initialized()
+
+
+def _set_devices(devices: int, problems: list[str]) -> None:
+    """Set the number of CPU devices that JAX shows, unless XLA_FLAGS does."""
+    if DEVICE_COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
+        return
+    if not _jax_has_started():
+        jax.config.update("jax_num_cpu_devices", devices)
+    elif (have := len(jax.local_devices(backend="cpu"))) != devices:
+        problems.append(f"JAX has started with {have} CPU device{'s' * (have > 1)} and keeps them, not {devices}")
+
+
+def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
+    """Tell JAX where programs of the user's own are kept.
+
+    Args:
+        folder: None for no cache of ours; one that somebody else has set stays.
+        keep_foreign: leave a folder that somebody else has set even if there is one of ours.
+    """
+    now = jax.config.values["jax_compilation_cache_dir"] or None
+    foreign = now is not None and now != str(_settings.jax_folder)
+    if foreign and (folder is None or keep_foreign):
+        return
+    if folder is None and now is None:
+        return
+    jax.config.update("jax_compilation_cache_dir", None if folder is None else str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
+    compilation_cache.reset_cache()  # otherwise a process that has compiled already would not look at the folder
+    _settings.jax_folder = folder

@@ -1,0 +1,150 @@
+"""Which devices and processes share a batch of worlds.
+
+On a CPU worlds run in the executables of `executables`, on threads. On an accelerator programs are compiled by the
+user's JAX, and `jax.shard_map` spreads the lanes of a group over the devices of a mesh. Between processes whole groups
+are dealt out, and nothing is exchanged before the results are gathered: worlds need nothing of each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import jax
+import numpy as np
+import numpy.typing as npt
+from jax.experimental import multihost_utils
+from jax.sharding import Mesh, PartitionSpec
+
+from iphyre_jax.execution.client import Arrays
+from iphyre_jax.execution.executables import Run, executable
+from iphyre_jax.execution.programs import Program
+from iphyre_jax.physics.types import Topology
+
+AXIS = "worlds"
+LANES = 128  # worlds side by side on a CPU: their state stays in the cache of a core
+LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
+
+
+@dataclass(frozen=True)
+class Share:
+    """What this process has of the devices that play.
+
+    Attributes:
+        mesh: its own accelerators, on one axis; None for the threads of a CPU, or for JAX's default accelerator.
+        rank: its place among the processes.
+        ranks: number of processes.
+    """
+
+    mesh: Mesh | None
+    rank: int = 0
+    ranks: int = 1
+
+    def lanes(self, topology: Topology, dtype: str) -> int:
+        """Return how many worlds of a topology run side by side."""
+        if on_cpu():
+            return lanes_of(topology, dtype)
+        return LANES_OF_DEVICE * (self.mesh.size if self.mesh else 1)
+
+
+def on_cpu() -> bool:
+    """Return whether JAX's default device is a CPU."""
+    return jax.default_backend() == "cpu"
+
+
+def lanes_of(topology: Topology, dtype: str) -> int:
+    """Return how many worlds of a topology a core plays side by side."""
+    del topology, dtype
+    return LANES
+
+
+def traced_lanes() -> int:
+    """Return how many worlds run side by side in a program of the user's own."""
+    return LANES if on_cpu() else LANES_OF_DEVICE
+
+
+def share_of(mesh: Mesh | None) -> Share:
+    """Return this process's share of a mesh of any axes.
+
+    Raises:
+        ValueError: it is no mesh, or has devices of some processes and not of others; one line.
+    """
+    if mesh is None:
+        return Share(None)
+    if not isinstance(mesh, Mesh):
+        raise ValueError(f"mesh: expected a jax.sharding.Mesh, as of jax.make_mesh, or None, got {mesh!r}")
+    processes = {device.process_index for device in mesh.devices.flat}
+    rank, ranks = jax.process_index(), jax.process_count()
+    if processes not in ({rank}, set(range(ranks))):
+        raise ValueError(f"mesh: expected devices of this process alone or of all {ranks}, got {sorted(processes)}")
+    own = None
+    if not on_cpu():
+        own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == rank]), AXIS)
+    return Share(own) if processes == {rank} else Share(own, rank, ranks)
+
+
+def runner(program: Program, mesh: Mesh | None) -> Run:
+    """Return a program that can be called with NumPy arrays: on this process's CPU, or on its accelerators."""
+    return executable(program) if on_cpu() else _on_accelerators(program, mesh)
+
+
+@cache
+def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
+    """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes, to its own end."""
+    run = program.run
+    if mesh is not None:
+        with jax.enable_x64(program.dtype == "float64"):
+            made = jax.eval_shape(program.run, *program.arguments())
+        inside = tuple(map(partial(_spread, program.lanes), program.arguments()))
+        outside = tuple(map(partial(_spread, program.lanes), made))
+        run = jax.shard_map(program.run, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
+    compiled = jax.jit(run)
+
+    def call(*arrays: npt.NDArray[Any]) -> Arrays:
+        with jax.enable_x64(program.dtype == "float64"):
+            return tuple(np.asarray(result) for result in compiled(*arrays))
+
+    return call
+
+
+def _spread(lanes: int, shape: jax.ShapeDtypeStruct) -> PartitionSpec:
+    """Return how an array is spread: by its last axis if that is lanes."""
+    if shape.shape and shape.shape[-1] == lanes:
+        return PartitionSpec(*[None] * (len(shape.shape) - 1), AXIS)
+    return PartitionSpec()
+
+
+def agree(*call: object) -> None:
+    """Make sure that all processes have made the same call.
+
+    Args:
+        call: arrays, and values whose `repr` tells all.
+
+    Raises:
+        ValueError: they have not; one line, in every process.
+    """
+    digest = hashlib.sha256()
+    for part in call:
+        digest.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
+    told = multihost_utils.process_allgather(np.frombuffer(digest.digest(), np.uint8))
+    if (told != told[0]).any():
+        raise ValueError("mesh: it spans processes, which must all make the same call with the same arguments")
+
+
+def gather(share: Share, rows: Sequence[npt.NDArray[np.integer[Any]]], array: npt.NDArray[Any]) -> None:
+    """Fill up an array, in every process, with the rows that the others have written.
+
+    Args:
+        share: what this process has.
+        rows: for each rank, the rows that are its own.
+        array: (B, ...), of any type.
+    """
+    own = np.zeros((max(map(len, rows)), *array.shape[1:]), array.dtype)
+    own[: len(rows[share.rank])] = array[rows[share.rank]]
+    with jax.enable_x64(True):
+        told = multihost_utils.process_allgather(own)
+    for rank, theirs in enumerate(rows):
+        array[theirs] = told[rank, : len(theirs)]

@@ -1,0 +1,121 @@
+"""Trees of arrays as one flat table of words.
+
+A compiled program is called with few arrays, because each of them costs the host some microseconds a call. So a world,
+or the state of an episode, crosses the border as one table, (rows, lanes), of 32-bit words (float32) or 64-bit words
+(float64): whole numbers and flags first, then the bits of numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+Tree = TypeVar("Tree")
+Words = npt.NDArray[np.signedinteger[Any]]
+
+WORD = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each array of a tree of one world stands in the table. Hashable.
+
+    Attributes:
+        structure: of the tree.
+        shapes: of its arrays, without lanes.
+        dtypes: names of theirs: "bool", "int32", or that of all its numbers.
+        dtype: of the numbers, "float32" or "float64".
+    """
+
+    structure: Any  # jax.tree_util.PyTreeDef
+    shapes: tuple[tuple[int, ...], ...]
+    dtypes: tuple[str, ...]
+    dtype: str
+
+    @classmethod
+    def of(cls, tree: object, dtype: str) -> Layout:
+        """Return the layout of a tree of arrays, or of their shapes, without lanes; dtype: of its numbers."""
+        leaves, structure = jax.tree.flatten(tree)
+        shapes = tuple(tuple(leaf.shape) for leaf in leaves)
+        return cls(structure, shapes, tuple(np.dtype(leaf.dtype).name for leaf in leaves), dtype)
+
+    @property
+    def word(self) -> str:
+        """Name of the table's dtype."""
+        return WORD[self.dtype].name
+
+    @cached_property
+    def rows(self) -> int:
+        """Rows of the table."""
+        return sum(map(math.prod, self.shapes))
+
+    @cached_property
+    def whole_rows(self) -> int:
+        """The first rows, which hold whole numbers and flags."""
+        return sum(math.prod(shape) for shape, dtype in zip(self.shapes, self.dtypes, strict=True) if dtype != self.dtype)
+
+    @cached_property
+    def starts(self) -> tuple[int, ...]:
+        """The first row of each array."""
+        starts, whole, number = [], 0, self.whole_rows
+        for shape, dtype in zip(self.shapes, self.dtypes, strict=True):
+            is_number = dtype == self.dtype
+            starts.append(number if is_number else whole)
+            whole, number = whole + (not is_number) * math.prod(shape), number + is_number * math.prod(shape)
+        return tuple(starts)
+
+    def pack(self, tree: object) -> jax.Array:
+        """Return the table of a tree whose arrays have lanes behind their own axes, (rows, lanes); traced."""
+        whole, numbers = self.parts(tree)
+        return jnp.concatenate([whole, jax.lax.bitcast_convert_type(numbers, self.word)])
+
+    def parts(self, tree: object) -> tuple[jax.Array, jax.Array]:
+        """Return the first rows of the table, and the numbers whose bits are the others; traced."""
+        leaves = self.structure.flatten_up_to(tree)
+        lanes = jnp.shape(leaves[0])[-1]
+        whole = [jnp.zeros((0, lanes), self.word)]
+        numbers = [jnp.zeros((0, lanes), self.dtype)]
+        for leaf, shape, dtype in zip(leaves, self.shapes, self.dtypes, strict=True):
+            flat = jnp.broadcast_to(leaf, (*shape, lanes)).reshape(math.prod(shape), lanes)
+            (numbers if dtype == self.dtype else whole).append(flat)
+        return jnp.concatenate([part.astype(self.word) for part in whole]), jnp.concatenate(numbers)
+
+    def unpack(self, table: jax.Array) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+        """Return the tree of a table (rows, lanes), lanes behind each array's own axes; traced."""
+        leaves = []
+        for start, shape, dtype in zip(self.starts, self.shapes, self.dtypes, strict=True):
+            part = table[start : start + math.prod(shape)].reshape(*shape, table.shape[-1])
+            if dtype == self.dtype:
+                leaves.append(jax.lax.bitcast_convert_type(part, dtype))
+            else:
+                leaves.append(part != 0 if dtype == "bool" else part.astype(dtype))
+        return self.structure.unflatten(leaves)
+
+    def pack_many(self, trees: Sequence[object]) -> Words:
+        """Return the table of some worlds without lanes, one a column, (rows, worlds); NumPy."""
+        table = np.zeros((self.rows, len(trees)), self.word)
+        for k, tree in enumerate(trees):
+            for leaf, start, dtype in zip(self.structure.flatten_up_to(tree), self.starts, self.dtypes, strict=True):
+                flat = np.ascontiguousarray(leaf).reshape(-1)
+                table[start : start + len(flat), k] = flat.view(self.word) if dtype == self.dtype else flat
+        return table
+
+    def unpack_numpy(self, table: Words) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+        """Do what `unpack` does, in NumPy."""
+        leaves = []
+        for start, shape, dtype in zip(self.starts, self.shapes, self.dtypes, strict=True):
+            part = np.ascontiguousarray(table[start : start + math.prod(shape)]).reshape(*shape, table.shape[-1])
+            leaves.append(part.view(dtype) if dtype == self.dtype else part.astype(dtype))
+        return self.structure.unflatten(leaves)
+
+    def places(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+        """Return the first row of each array, as a tree."""
+        return self.structure.unflatten(self.starts)

@@ -1,0 +1,53 @@
+"""Work on all cores: the thread that asks, and helpers from one pool for everything that plays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from itertools import count
+from threading import Event
+from typing import TypeVar
+
+from iphyre_jax.execution import configuration
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@cache
+def _helpers(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="iphyre_jax")
+
+
+def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Run `work` on all items and return the results in order.
+
+    As many helpers as threads are configured take items, and so does the caller: it would wait otherwise, and a helper
+    that must be woken up comes late. So there is one thread more than may compute, and no core waits while a group of
+    worlds is made ready or collected. An error or an interrupt is raised once what is under way has ended; what has not
+    begun is dropped.
+    """
+    given = list(items)
+    results: dict[int, Result] = {}
+    numbers, stop = count(), Event()
+
+    def take() -> None:
+        while not stop.is_set() and (k := next(numbers)) < len(given):
+            try:
+                results[k] = work(given[k])
+            except BaseException:
+                stop.set()
+                raise
+
+    threads = configuration.threads()
+    helpers = [_helpers(threads).submit(take) for _ in range(min(threads, len(given) - 1))]
+    try:
+        take()
+    finally:
+        begun = [helper for helper in helpers if not helper.cancel()]
+        for helper in begun:
+            helper.exception()
+    for helper in begun:
+        helper.result()
+    return [results[k] for k in range(len(given))]
