@@ -21,7 +21,7 @@ from benchmarks.engines import engines, ours
 from benchmarks.measure import compare
 from benchmarks.report import Results
 from benchmarks.work import make_work
-from iphyre_jax.configuration import usable_cores
+from iphyre_jax.execution.configuration import usable_cores
 
 REPORT_WIDTH = 130  # columns, where the output is not a terminal
 LEAST_SECONDS = 0.3  # of a turn

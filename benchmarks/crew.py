@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.work import Work
 from benchmarks.workers.protocol import Played
-from iphyre_jax.configuration import CACHE_VARIABLE
+from iphyre_jax.execution.cache_folder import CACHE_VARIABLE
 
 ROOT = Path(__file__).parent.parent
 

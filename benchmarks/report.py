@@ -23,7 +23,7 @@ from benchmarks.measure import Measurement, ratio
 from benchmarks.scaling import Scale
 from benchmarks.startup import Startup
 from benchmarks.work import MIXED
-from iphyre_jax.configuration import usable_cores
+from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.train.provenance import source_commit
 
 SCHEMA = 2  # of the JSON file

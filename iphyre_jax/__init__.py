@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from iphyre_jax.configuration import Configuration, configure
     from iphyre_jax.envs import Environment, EnvParams, EnvState, Scores, environment_ids, evaluate, make, register
+    from iphyre_jax.execution.configuration import Configuration, configure
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
-    from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneBuilder, load_scene, vary
+    from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneBuilder, load_scene, vary
     from iphyre_jax.simulation import Simulation, simulate, simulate_many
 
 __version__ = "0.1.0"
@@ -65,8 +65,8 @@ _HOME = {
     "evaluate": "envs",
     "make": "envs",
     "register": "envs",
-    "configure": "configuration",
-    "Configuration": "configuration",
+    "configure": "execution.configuration",
+    "Configuration": "execution.configuration",
 }
 
 

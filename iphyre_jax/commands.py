@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax import scene_commands, train_commands, viewer_commands
-from iphyre_jax.configuration import OFF_WORDS, configure
+from iphyre_jax.execution.cache_folder import OFF_WORDS
+from iphyre_jax.execution.configuration import configure
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate

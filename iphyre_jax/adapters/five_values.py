@@ -15,7 +15,7 @@ from iphyre_jax.envs.spaces import Box, Space
 class FiveValues:
     """An environment whose `step` returns obs, state, reward, done, info.
 
-    done is terminated or truncated; both, and the last observation before an autoreset, are in info.
+    done is terminated or truncated; both are in info.
 
     Attributes:
         env: the environment; with autoreset, as those trainers expect.

@@ -14,7 +14,6 @@ from iphyre_jax.drawing import draw
 from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.images import drawing_of
-from iphyre_jax.envs.params import row
 from iphyre_jax.envs.spaces import Discrete, Space
 
 RENDER_SIZE = 600  # px
@@ -113,17 +112,18 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if self.render_mode is None or self._state is None:
             return None
         with jax.enable_x64(self._x64):
-            return np.asarray(_picture(self._alone(self._game)[1], self._state))
+            return np.asarray(_picture(*self._alone(self._game), self._state))
 
     def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
-        outcome = self._state.progress.outcome
+        env, params = self._alone(self._game)
+        status = env.worlds.status(params, self._state)
         return {
-            "success": bool(outcome.success),
-            "fault": int(outcome.fault),
-            "eliminations": int(outcome.eliminations),
-            "time": int(outcome.steps) / self.env.protocol.fps,
+            "success": bool(status.success),
+            "fault": int(status.fault),
+            "eliminations": int(status.eliminations),
+            "time": int(status.steps) / self.env.protocol.fps,
             "game": self._game,
             "official_terminated": terminated,
             "official_truncated": truncated,
@@ -137,10 +137,9 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         raise ValueError(f"options: expected a game of {self.env.name} by name or number, got {game!r}")
 
 
-@jax.jit
-def _picture(params: EnvParams, state: EnvState) -> jax.Array:
-    features, world = row(params.features, state.game), row(params.world, state.game)
-    return draw(drawing_of(features, world, state.progress), RENDER_SIZE)
+@partial(jax.jit, static_argnums=0)
+def _picture(env: Environment, params: EnvParams, state: EnvState) -> jax.Array:
+    return draw(drawing_of(*env.worlds.pose(params, state)), RENDER_SIZE)
 
 
 def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401

@@ -27,7 +27,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     Args:
         id: of an environment, see `iphyre_jax.make`.
         num_envs: B, how many worlds.
-        **options: as for `iphyre_jax.make`, but autoreset.
+        **options: as for `iphyre_jax.make`, but autoreset and final_observation.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -41,7 +41,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         if "autoreset" in options:
             raise ValueError("autoreset: expected none, the vector environment always resets in the same step")
         self.num_envs = num_envs
-        self.env, self.params = make(id, autoreset=True, **options)
+        self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
         self.single_observation_space = space_of(self.env.observation_space())
         self.single_action_space = space_of(self.env.action_space())
         self.observation_space = batch_space(self.single_observation_space, num_envs)

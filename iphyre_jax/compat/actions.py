@@ -5,23 +5,18 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterator
-from functools import partial
 from itertools import count, islice
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
-from iphyre_jax.envs.mixture import Games, Mixture
-from iphyre_jax.envs.stretches import Stretch, start
-from iphyre_jax.physics.types import Timing, World
+from iphyre_jax.execution.executables import executable
+from iphyre_jax.execution.programs import Score, clock, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
-from iphyre_jax.rollouts import Outcome
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.build import build, timing
 
 FPS = 60
+DTYPE = "float64"
 BATCH = 64  # plans played side by side; those beyond the last one needed are thrown away
 
 Action = list[float]  # a time for each slot, s, then solved (1 or 0), blocks removed, seconds played
@@ -118,27 +113,15 @@ def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: fl
 
 def _play(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
     """Play plans in successive resets of one space; solved, blocks removed and seconds of each."""
-    built = [build(scene, resets=resets + k, dtype="float64") for k in range(len(plans))]
+    built = [build(scene, resets=resets + k, dtype=DTYPE) for k in range(len(plans))]
     steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
-    with jax.enable_x64(True):
-        worlds = jax.tree.map(lambda *leaves: np.stack(leaves), *(world for _, world in built))
-        mixture = Mixture.of(built[:1])
-        outcome = _outcomes(mixture, timing(FPS, "float64"), worlds, steps)
-    if (faults := np.asarray(outcome.fault)).any():
-        raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {faults.max()})")
-    clock = official_clock(FPS)
-    seconds = np.append(clock, clock[-1] + 1 / FPS)[np.asarray(outcome.steps)]
-    columns = zip(outcome.success, outcome.eliminations, seconds, strict=True)
-    return [(int(solved), int(removed), float(end)) for solved, removed, end in columns]
-
-
-@partial(jax.jit, static_argnums=0)
-def _outcomes(mixture: Mixture, times: Timing, worlds: World, steps: npt.NDArray[np.int32]) -> Outcome:
-    frames = jnp.int32(len(official_clock(FPS)))
-
-    def one(world: World, plan: jax.Array) -> Outcome:
-        games = Games(jax.tree.map(lambda leaf: leaf[None], world), jnp.zeros(1, jnp.int32))
-        stretch = Stretch(jnp.int32(0), plan, frames)
-        return mixture.play(times, games, stretch, start(mixture.topologies[0], world)).outcome
-
-    return jax.vmap(one)(jax.tree.map(jnp.asarray, worlds), jnp.asarray(steps))
+    program = Score(built[0][0], DTYPE, BATCH, steps.shape[1])
+    worlds = world_layout(program.topology, DTYPE).pack_many([world for _, world in built])
+    frames = np.array([len(official_clock(FPS)), 1], np.int32)
+    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), clock(timing(FPS, DTYPE)), frames)[0]
+    solved, removed, fault = counts[0], counts[2], counts[3]
+    if fault.any():
+        raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {fault.max()})")
+    instants = official_clock(FPS)
+    seconds = np.append(instants, instants[-1] + 1 / FPS)[counts[1]]
+    return [(int(good), int(gone), float(end)) for good, gone, end in zip(solved, removed, seconds, strict=True)]

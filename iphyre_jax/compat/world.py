@@ -2,23 +2,70 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.stretches import Stretch, play_lanes, start
+from iphyre_jax.envs.stretches import Stretch, play_lanes
+from iphyre_jax.execution import programs
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.executables import executable
+from iphyre_jax.execution.programs import clock, progress_layout, world_layout
 from iphyre_jax.observe import object_rows, scene_features
 from iphyre_jax.physics import eliminate
-from iphyre_jax.physics.types import State, Timing, Topology, World
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.physics.types import Topology
+from iphyre_jax.rollouts import Progress, begin
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.build import build, timing
+from iphyre_jax.scenes.build import timing
 
 DTYPE = "float64"
+NO_SLOT = -2  # bars that no slot removes have column -1
+
+
+@dataclass(frozen=True)
+class OfficialStep:
+    """One world, no lanes beside it: takes a block out, then plays on, also one that is solved already.
+
+    The official class never refuses a step.
+    """
+
+    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "envs/stretches.py", "compat/world.py")
+
+    topology: Topology
+
+    @property
+    def dtype(self) -> str:
+        """The physics' type."""
+        return DTYPE
+
+    def arguments(self) -> programs.Shapes:
+        """Return the shapes of a world (rows, 1), a clock, an order, and an episode (rows, 1).
+
+        The order: the slot whose block goes, NO_SLOT for none; steps to play; 1 if the episode begins.
+        """
+        world, progress = world_layout(self.topology, DTYPE), progress_layout(self.topology, DTYPE)
+        return (
+            jax.ShapeDtypeStruct((world.rows, 1), world.word),
+            jax.ShapeDtypeStruct((programs.CLOCK,), DTYPE),
+            jax.ShapeDtypeStruct((3,), "int32"),
+            jax.ShapeDtypeStruct((progress.rows, 1), progress.word),
+        )
+
+    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
+        """Return the episode, (rows, 1)."""
+        words, numbers, order, episode = arguments
+        world, layout = world_layout(self.topology, DTYPE).unpack(words), progress_layout(self.topology, DTYPE)
+        no = jnp.zeros(1, bool)
+        progress = jax.lax.cond(order[2] != 0, lambda: begin(self.topology, world, no), lambda: layout.unpack(episode))
+        state = eliminate(self.topology, world, progress.state, world.column == order[0])
+        going = Progress(state, replace(progress.outcome, over=no, success=no))
+        never = jnp.full((1, 1), NO_SLOT, jnp.int32)
+        stretch = Stretch(jnp.zeros(1, jnp.int32), never, state.step + order[1])
+        return (layout.pack(play_lanes(self.topology, programs.timing_of(numbers), world, stretch, going)),)
 
 
 class SteppedWorld:
@@ -34,18 +81,24 @@ class SteppedWorld:
         self.scene = scene
         self.features = scene_features(scene)
         self.alive = np.array(self.features.present)  # (12,) bool, objects that are there
-        self._timing = timing(fps, DTYPE)
-        self._topology, self._world = build(scene, resets=resets, dtype=DTYPE)
-        with jax.enable_x64(True):
-            self._progress = start(self._topology, self._world)
+        topology, world = cached_world(scene, resets, DTYPE)
+        self._layout = progress_layout(topology, DTYPE)
+        self._run = executable(OfficialStep(topology))
+        self._world = world_layout(topology, DTYPE).pack_many([world])
+        self._clock = clock(timing(fps, DTYPE))
+        self._episode = np.zeros((self._layout.rows, 1), self._layout.word)
+        self._call(begins=True)
+
+    def _call(self, *, slot: int = NO_SLOT, steps: int = 0, begins: bool = False) -> None:
+        """Begin, or take out the block of a slot and play on."""
+        order = np.array([slot, steps, begins], np.int32)
+        self._episode = self._run(self._world, self._clock, order, self._episode)[0]
+        self._progress: Progress = jax.tree.map(lambda leaf: leaf[..., 0], self._layout.unpack_numpy(self._episode))
 
     def remove(self, block: int) -> None:
         """Take an eliminable block out, with its joints and springs."""
         self.alive[block] = False
-        slot = self.scene.eliminable_blocks.index(block)
-        with jax.enable_x64(True):
-            state = _remove(self._topology, self._world, self._progress.state, np.int32(slot))
-            self._progress = replace(self._progress, state=state)
+        self._call(slot=self.scene.eliminable_blocks.index(block))
 
     def play(self, steps: int) -> tuple[int, bool]:
         """Play on, to the first step after which all balls are below the picture or to the end.
@@ -60,9 +113,7 @@ class SteppedWorld:
             RuntimeError: the world is no longer sound; one line.
         """
         before = int(self._progress.state.step)
-        with jax.enable_x64(True):
-            until = np.int32(before + steps)
-            self._progress = _play(self._topology, self._world, self._timing, until, self._progress)
+        self._call(steps=steps)
         outcome = self._progress.outcome
         if outcome.fault:
             raise RuntimeError(f"{self.scene.name}: the world is no longer sound (fault {int(outcome.fault)})")
@@ -73,23 +124,10 @@ class SteppedWorld:
         position, angle = np.array(self.features.position), np.zeros(len(self.alive))
         movers = np.flatnonzero(self.scene.dynamic)
         state = self._progress.state
-        position[movers, 0], position[movers, 1] = np.asarray(state.position.x), np.asarray(state.position.y)
-        angle[movers] = np.asarray(state.angle)
+        position[movers, 0], position[movers, 1] = state.position.x, state.position.y
+        angle[movers] = state.angle
         return position, angle
 
     def table(self) -> npt.NDArray[np.float64]:
         """Return the official table, (12, 9) float64, in px."""
         return np.asarray(object_rows(self.features, *self.poses(), self.alive))
-
-
-@partial(jax.jit, static_argnums=0)
-def _remove(topology: Topology, world: World, state: State, slot: jax.Array) -> State:
-    return eliminate(topology, world, state, world.column == slot)
-
-
-@partial(jax.jit, static_argnums=0)
-def _play(topology: Topology, world: World, timing: Timing, until: jax.Array, progress: Progress) -> Progress:
-    """Play a world on, also one that is solved already: the official class never refuses a step."""
-    no, never = jnp.zeros((), bool), jnp.full(1, -1, jnp.int32)
-    going = replace(progress, outcome=replace(progress.outcome, over=no, success=no))
-    return play_lanes(topology, timing, world, Stretch(jnp.int32(0), never, until), going)

@@ -205,7 +205,9 @@ class HostStep:
         if row < width:
             out[0][task.rows, row:] = 0
         seen = after[:count, row:]
-        _copy_rows(out[1], seen.view(np.float32) if seen.itemsize == out[1].itemsize else _floats(seen), task.rows, None)
+        _copy_rows(
+            out[1], seen.view(np.float32) if seen.itemsize == out[1].itemsize else _floats(seen), task.rows, None
+        )
 
     def _program(self, task: _Task) -> EnvStep:
         return replace(self.programs[task.kind], one_scene=True) if task.is_uniform else self.programs[task.kind]

@@ -160,7 +160,9 @@ class HostWorlds:
         places, first = progress_layout(topology, self.dtype).places(), status_words(self.limits.blocks)
         own = (places.state.position.x, places.state.position.y, places.state.angle)
         moving = range(topology.moving)
-        return [place for start in own for place in [*(first + start + k for k in moving), *[0] * (bodies - len(moving))]]
+        return [
+            place for start in own for place in [*(first + start + k for k in moving), *[0] * (bodies - len(moving))]
+        ]
 
     def _call(
         self, callback: Callable[..., None], results: Sequence[str], params: HostParams, *own: jax.Array

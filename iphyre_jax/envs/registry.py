@@ -9,7 +9,7 @@ from typing import Final, get_args
 from iphyre_jax.envs.core import BackendName, Environment
 from iphyre_jax.envs.observations import ObservationName
 from iphyre_jax.envs.params import EnvParams, SceneLike
-from iphyre_jax.envs.protocols import protocol_named
+from iphyre_jax.envs.protocols import Protocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
@@ -114,7 +114,7 @@ def environment_of(
     scenes: Sequence[Scene],
     *,
     strategy: str,
-    protocol: str,
+    protocol: str | Protocol,
     dtype: str,
     observation: ObservationName,
     image_size: int | None,
@@ -134,7 +134,8 @@ def environment_of(
         raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
     if backend not in (None, *get_args(BackendName)):
         raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
-    timing, limits = protocol_named(protocol), scenes[0].limits
+    timing = protocol if isinstance(protocol, Protocol) else protocol_named(protocol)
+    limits = scenes[0].limits
     built = [cached_world(scene, timing.resets, dtype) for scene in scenes]
     environment = Environment(
         name=name,

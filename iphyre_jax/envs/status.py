@@ -29,9 +29,7 @@ def status_of(game: jax.Array, world: World, progress: Progress, executed: jax.A
     """Return the status of an episode."""
     out = progress.outcome
     there = standing(world, progress, executed.shape[0])
-    return Status(
-        game, progress.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed
-    )
+    return Status(game, progress.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed)
 
 
 def standing(world: World, progress: Progress, slots: int) -> jax.Array:
@@ -54,4 +52,6 @@ def unpack_status(words: jax.Array) -> Status:
     """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
     slots = (words.shape[0] - 6) // 2
     game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(6))
-    return Status(game, step, success != 0, steps, eliminations, fault, words[6 : 6 + slots] != 0, words[6 + slots :] != 0)
+    return Status(
+        game, step, success != 0, steps, eliminations, fault, words[6 : 6 + slots] != 0, words[6 + slots :] != 0
+    )

@@ -140,9 +140,7 @@ class TracedWorlds:
         """Return what is seen of an episode."""
         standing, steps = self.status(params, state).standing, jnp.asarray(self.protocol.steps)
         features = _row(params.features, state.row)
-        return jnp.concatenate(
-            observe(self.observation, features, standing, state.progress, steps, no_op=self.no_op)
-        )
+        return jnp.concatenate(observe(self.observation, features, standing, state.progress, steps, no_op=self.no_op))
 
     def pose(self, params: TracedParams, state: TracedState) -> tuple[Features, Pose]:
         """Return what a picture of an episode needs."""

@@ -60,7 +60,9 @@ class Layout:
     @cached_property
     def whole_rows(self) -> int:
         """The first rows, which hold whole numbers and flags."""
-        return sum(math.prod(shape) for shape, dtype in zip(self.shapes, self.dtypes, strict=True) if dtype != self.dtype)
+        return sum(
+            math.prod(shape) for shape, dtype in zip(self.shapes, self.dtypes, strict=True) if dtype != self.dtype
+        )
 
     @cached_property
     def starts(self) -> tuple[int, ...]:

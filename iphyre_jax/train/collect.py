@@ -10,8 +10,7 @@ an observation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -20,17 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.env import observation_table, play
-from iphyre_jax.envs.core import Environment
-from iphyre_jax.envs.params import EnvParams, EnvState, make_params, mixture_of
+from iphyre_jax.envs.core import Environment, Info
+from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.protocols import FRAMES
 from iphyre_jax.envs.protocols import Protocol as Timing
-from iphyre_jax.envs.strategies import strategy_named
+from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.reward import episode_reward
-from iphyre_jax.rollouts import Outcome
-from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene, load_scene
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
 from iphyre_jax.train.config import TrainConfig
 
-LANES = 64  # worlds of one topology that are stepped together
 LOOK_EVERY = 10  # decisions between looks at whether everything is over, on the fly
 DECISIONS = {"on-the-fly": FRAMES, "combined": MAX_ELIMINABLE + 1}  # at most; each combined one but the last removes
 
@@ -113,139 +110,58 @@ class Plans:
         )
 
 
-class _Table(NamedTuple):
-    """Scenes of one topology, as rows of the parameters of their environment."""
-
-    environment: Environment
-    params: EnvParams
-    scenes: tuple[Scene, ...]
-
-
-@dataclass(frozen=True)
-class _Chunk:
-    """Lanes of one topology; those beyond the episodes it serves repeat the last one."""
-
-    environment: Environment
-    params: EnvParams
-    game: jax.Array  # (LANES,) int32, rows of the parameters
-    episode: npt.NDArray[np.int64]  # (LANES,)
-
-
 class Worlds:
-    """On the fly and combined: decision after decision, in the environments of `iphyre_jax.envs`.
-
-    A program steps LANES worlds of one topology, among all games of the package that have it; so it does not depend on
-    the agent, the split or the number of episodes, and is compiled once for all of them. Scenes of one's own have
-    programs of their own.
-    """
+    """On the fly and combined: decision after decision, in an environment over all of the scenes."""
 
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
-        self._strategy = config.strategy
-        self._timing = Timing("train", config.fps, config.resets)
         self._scenes = tuple(load_scene(scene) for scene in scenes)
-        package = tuple(load_scene(game) for games in SPLITS.values() for game in games)
-        own = tuple(scene for scene in self._scenes if scene not in package)
-        parts = (_tables(config.strategy, self._timing, config.observation, part) for part in (package, own))
-        self._tables = [table for part in parts for table in part]
-        where = {scene: (k, row) for k, table in enumerate(self._tables) for row, scene in enumerate(table.scenes)}
-        self._where = [where[scene] for scene in self._scenes]  # table and row of each scene
+        self._environment, self._params = environment_of(
+            "train",
+            self._scenes,
+            strategy=config.strategy,
+            protocol=Timing("train", config.fps, config.resets),
+            dtype="float32",
+            observation=config.observation,
+            image_size=None,
+            autoreset=False,
+        )
 
     def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
         """See `Collector`."""
-        chunks = self._chunks(episodes)
-        lane_of = np.empty(len(self._scenes) * episodes, np.int64)
-        lane_of[np.concatenate([chunk.episode for chunk in chunks])] = np.arange(len(chunks) * LANES)
-        take, give = jnp.asarray(lane_of), [jnp.asarray(chunk.episode) for chunk in chunks]
-        begun = [_begin(chunk.environment, chunk.game, chunk.params) for chunk in chunks]
-        seen, states = _unzip(begun)
-        over = jnp.zeros(len(take), bool)
+        environment, params = self._environment, self._params
+        games = jnp.repeat(jnp.arange(len(self._scenes), dtype=jnp.int32), episodes)
+        now, state = _begin(environment, games, params)
+        over = jnp.zeros(len(games), bool)
         steps: list[tuple[jax.Array, ...]] = []
-        now = _in_order(seen, take)
-        for k in range(DECISIONS[self._strategy]):
+        most = DECISIONS[environment.strategy.name]
+        info: Info = {}
+        for k in range(most):
             decision = act(jax.random.fold_in(key, k), now, 1)
-            after = [
-                _step(chunk.environment, state, action, chunk.params)
-                for chunk, state, action in zip(chunks, states, _to_lanes(decision.action, give), strict=True)
-            ]
-            before, (results, states) = now, _unzip(after)
-            now, reward, done = _in_order(results, take)
+            before = now
+            (now, reward, done, info), state = _step(environment, state, decision.action, params)
             steps.append((before, decision.choice, decision.log_prob, decision.value, reward, done & ~over, ~over))
             over = over | done
             if k % LOOK_EVERY == LOOK_EVERY - 1 and bool(over.all()):
                 break
-        ends = _in_order([_counts(state.progress.outcome) for state in states], take)
-        return _stacked(steps, now, DECISIONS[self._strategy]), _ended(ends, self._timing.fps)
-
-    def _chunks(self, episodes: int) -> list[_Chunk]:
-        """Sort the episodes into chunks of one topology."""
-        groups: dict[int, list[int]] = {}
-        for index, (k, _) in enumerate(self._where):
-            groups.setdefault(k, []).extend(range(index * episodes, (index + 1) * episodes))
-        chunks = []
-        for k, members in groups.items():
-            for start in range(0, len(members), LANES):
-                part = np.array(members[start : start + LANES])
-                episode = part[np.minimum(np.arange(LANES), len(part) - 1)]
-                rows = jnp.asarray([self._where[index][1] for index in episode // episodes], jnp.int32)
-                chunks.append(_Chunk(self._tables[k].environment, self._tables[k].params, rows, episode))
-        return chunks
-
-
-@lru_cache(maxsize=4)  # the package's, and few of one's own: variations may be new in every round
-def _tables(strategy: str, timing: Timing, observation: Any, scenes: tuple[Scene, ...]) -> tuple[_Table, ...]:  # noqa: ANN401
-    """A table for every topology of the scenes."""
-    groups: dict[Environment, list[Scene]] = {}
-    for scene in scenes:
-        mixture = mixture_of([scene], timing, "float32")
-        environment = Environment(
-            name="train",
-            games=(),
-            strategy=strategy_named(strategy),
-            protocol=timing,
-            mixture=mixture,
-            observation=observation,
-            autoreset=False,
-        )
-        groups.setdefault(environment, []).append(scene)
-    return tuple(
-        _Table(env, make_params(members, env.mixture, timing, "float32"), tuple(members))
-        for env, members in groups.items()
-    )
+        return _stacked(steps, now, most), _ended(info, environment.protocol.fps)
 
 
 @partial(jax.jit, static_argnums=0)
 def _begin(environment: Environment, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-    """Begin an episode in every lane."""
+    """Begin an episode in every world."""
     return jax.vmap(environment.reset_to, in_axes=(0, None))(game, params)
 
 
 @partial(jax.jit, static_argnums=0, donate_argnums=1)
 def _step(
     environment: Environment, state: EnvState, action: jax.Array, params: EnvParams
-) -> tuple[tuple[jax.Array, jax.Array, jax.Array], EnvState]:
-    """Play one decision in every lane: observation, reward and whether the episode is over; and the state."""
+) -> tuple[tuple[jax.Array, jax.Array, jax.Array, Info], EnvState]:
+    """Play one decision in every world: observation, reward, whether the episode is over, info; and the state."""
     keys = jax.random.split(jax.random.key(0), action.shape[0])  # not used: nothing is reset
-    seen, state, reward, terminated, truncated, _ = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(
+    seen, state, reward, terminated, truncated, info = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(
         keys, state, action, params
     )
-    return (seen, reward, terminated | truncated), state
-
-
-def _unzip(pairs: Sequence[tuple[Any, Any]]) -> tuple[list[Any], list[Any]]:
-    """The first of each pair, the second of each pair."""
-    return [first for first, _ in pairs], [second for _, second in pairs]
-
-
-@jax.jit
-def _in_order(of_chunks: Sequence[Any], take: jax.Array) -> Any:  # noqa: ANN401 - any tree of arrays, and the same back
-    """From lanes of chunks to episodes."""
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[take], *of_chunks)
-
-
-@jax.jit
-def _to_lanes(action: jax.Array, give: Sequence[jax.Array]) -> list[jax.Array]:
-    """From episodes to lanes of chunks."""
-    return [action[episode] for episode in give]
+    return (seen, reward, terminated | truncated, info), state
 
 
 def _stacked(steps: Sequence[tuple[jax.Array, ...]], last: jax.Array, decisions: int) -> Trajectory:
@@ -257,13 +173,9 @@ def _stacked(steps: Sequence[tuple[jax.Array, ...]], last: jax.Array, decisions:
     return Trajectory(seen, *rest)
 
 
-def _counts(outcome: Outcome) -> tuple[jax.Array, ...]:
-    """What is asked of an outcome, the same for all topologies."""
-    return outcome.success, outcome.eliminations, outcome.steps, outcome.fault
-
-
-def _ended(ends: tuple[jax.Array, ...], fps: int) -> Played:
-    """The counts of whole episodes as NumPy arrays."""
-    solved, removed, made, fault = map(np.asarray, ends)
-    reward = episode_reward(solved, removed, made, fps)
-    return Played(reward, solved, removed, made / fps, fault)
+def _ended(info: Info, fps: int) -> Played:
+    """Return the counts of whole episodes as NumPy arrays."""
+    last = {name: np.asarray(value) for name, value in info.items()}
+    made = np.rint(last["time"] * fps).astype(np.int64)
+    reward = episode_reward(last["success"], last["eliminations"], made, fps)
+    return Played(reward, last["success"], last["eliminations"], made / fps, last["fault"])

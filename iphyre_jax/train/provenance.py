@@ -12,7 +12,7 @@ from typing import Any
 import jax
 
 import iphyre_jax
-from iphyre_jax.configuration import usable_cores
+from iphyre_jax.execution.configuration import usable_cores
 
 PACKAGES = ("jax", "jaxlib", "numpy", "flax", "optax", "orbax-checkpoint")
 

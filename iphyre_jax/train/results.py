@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from iphyre_jax.configuration import configure
+from iphyre_jax.execution.configuration import configure
 from iphyre_jax.env import OFFICIAL_FPS
 from iphyre_jax.train import compare, logs, loop, runs
 from iphyre_jax.train.config import PresetName, TrainConfig

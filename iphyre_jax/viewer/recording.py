@@ -6,19 +6,20 @@ the same `rollouts.play_step`, compiled for one world without lanes, which takes
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax import programs, rollouts
+from iphyre_jax import rollouts
+from iphyre_jax.execution import programs
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.executables import executable
 from iphyre_jax.physics import contacts, shapes
-from iphyre_jax.physics.broadphase import Counters
+from iphyre_jax.physics.broadphase import max_steps
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.reward import episode_reward, whole_fps
@@ -119,17 +120,12 @@ class Recording:
         return last
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class _Tape:
-    """Frames of one world: F frames, n moving bodies, K contact slots."""
+class _Tape(NamedTuple):
+    """Frames of one world, JAX or NumPy arrays: F frames, n moving bodies, K contact slots."""
 
-    pose: jax.Array  # (F, n, 3)
-    velocity: jax.Array  # (F, n, 2)
-    contact: jax.Array  # (F, K, 2) NaN for an empty slot
-
-
-Recorder = Callable[[World, Timing, npt.NDArray[np.int32]], tuple[rollouts.Outcome, _Tape]]
+    pose: Any  # (F, n, 3)
+    velocity: Any  # (F, n, 2)
+    contact: Any  # (F, K, 2) NaN for an empty slot
 
 
 def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "float64", resets: int = 1) -> Recording:
@@ -152,28 +148,28 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
     if isinstance(resets, bool) or not isinstance(resets, int | np.integer) or resets < 1:
         raise ValueError(f"resets: expected a whole number of at least 1, got {resets!r}")
-    with jax.enable_x64(dtype == "float64"):
-        topology, world = programs.built(scene, int(resets), dtype)
-        length = int(TIME_LIMIT * rate)
-        if length > (limit := Counters(topology.moving).max_steps):
-            raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
-        padded = np.full(scene.limits.blocks, NEVER, np.int32)
-        padded[: len(steps)] = steps
-        outcome, tape = jax.device_get(_program(topology, length)(world, timing(rate, dtype), padded))
-    made = int(outcome.steps)
-    eliminations, success = int(outcome.eliminations), bool(outcome.success)
+    topology, world = cached_world(scene, int(resets), dtype)
+    length = int(TIME_LIMIT * rate)
+    if length > (limit := max_steps(topology)):
+        raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
+    padded = np.full(scene.limits.blocks, NEVER, np.int32)
+    padded[: len(steps)] = steps
+    words = programs.world_layout(topology, dtype).pack_many([world])
+    play = executable(Record(topology, dtype, len(padded), length))
+    counts, *frames = play(words, padded, programs.clock(timing(rate, dtype)))
+    success, made, eliminations, fault = counts.tolist()
     return Recording(
         scene=scene,
         plan=tuple(steps),
         fps=rate,
         dtype=dtype,
         resets=int(resets),
-        **_unfold(scene, tape, made + 1),
-        success=success,
+        **_unfold(scene, _Tape(*frames), made + 1),
+        success=bool(success),
         steps=made,
         eliminations=eliminations,
         reward=float(episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)[0]),
-        fault=int(outcome.fault),
+        fault=fault,
     )
 
 
@@ -198,10 +194,40 @@ def _unfold(scene: Scene, tape: _Tape, frames: int) -> dict[str, Floats]:
     return {"poses": poses, "velocities": velocities, "contacts": np.asarray(tape.contact[:frames], np.float64)}
 
 
-@lru_cache(64)  # people who draw scenes make many topologies; the games have 16
-def _program(topology: Topology, length: int) -> Recorder:
-    """Return the compiled recorder of a topology for plays of up to `length` steps; one for each dtype it meets."""
-    return jax.jit(partial(_play, topology, length))
+@dataclass(frozen=True)
+class Record:
+    """Plays one world and writes down every frame.
+
+    Attributes:
+        topology: of the world.
+        dtype: of the physics.
+        columns: of a plan.
+        length: most steps.
+    """
+
+    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "viewer/recording.py")
+
+    topology: Topology
+    dtype: str
+    columns: int
+    length: int
+
+    def arguments(self) -> programs.Shapes:
+        """Return the shapes of a world (rows, 1), a plan (columns,), and a clock."""
+        layout = programs.world_layout(self.topology, self.dtype)
+        return (
+            jax.ShapeDtypeStruct((layout.rows, 1), layout.word),
+            jax.ShapeDtypeStruct((self.columns,), "int32"),
+            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+        )
+
+    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
+        """Return success, steps, eliminations and fault, (4,) int32, and the arrays of a `_Tape`."""
+        words, plan, numbers = arguments
+        world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
+        outcome, tape = _play(self.topology, self.length, world, programs.timing_of(numbers), plan)
+        counts = jnp.stack([outcome.success.astype(jnp.int32), outcome.steps, outcome.eliminations, outcome.fault])
+        return counts, tape.pose, tape.velocity, tape.contact
 
 
 def _play(
