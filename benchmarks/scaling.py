@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
-import jax
 import numpy as np
 
 import iphyre_jax
 from benchmarks.crew import Crew
 from benchmarks.measure import Measurement, compare
 from benchmarks.work import make_work
-from iphyre_jax import programs, rollouts
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.programs import progress_layout
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def scale(
 
 def carried_bytes(game: str, dtype: str) -> int:
     """Bytes of what a world of a game carries from step to step: its state and its outcome so far."""
-    with jax.enable_x64(dtype == "float64"):
-        topology, world = programs.built(iphyre_jax.load_scene(game), 1, dtype)
-        progress = jax.eval_shape(partial(rollouts.begin, topology), world, np.bool_(False))
-    return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(progress))
+    topology, _ = cached_world(iphyre_jax.load_scene(game), 1, dtype)
+    layout = progress_layout(topology, dtype)
+    arrays = zip(layout.shapes, layout.dtypes, strict=True)
+    return sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in arrays)

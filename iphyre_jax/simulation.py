@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -252,8 +252,9 @@ class _Batch:
         if every is not None:
             shape = size, settings.steps // every + 1, max((scene.n_objects for scene in scenes), default=0), 3
             samples = np.full(shape, np.nan, settings.dtype)
-        counts = (np.zeros(size, np.int64) for _ in range(3))
-        return cls(scenes, worlds, which, plan, settings, share, np.zeros(size, bool), *counts, samples)
+        steps, eliminations, fault = (np.zeros(size, np.int64) for _ in range(3))
+        success = np.zeros(size, bool)
+        return cls(scenes, worlds, which, plan, settings, share, success, steps, eliminations, fault, samples)
 
     def play(self, rows: Rows, attempt: int) -> None:
         """Play some rows; in several processes, each its own groups of them, and gather the results."""
@@ -310,14 +311,14 @@ class _Batch:
 
     def _write_samples(self, group: Group, moved: npt.NDArray[np.floating[Any]]) -> None:
         """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""
-        assert self.samples is not None
-        moved, stops = moved[: self.samples.shape[1]], self._stops()
+        samples = cast(npt.NDArray[np.floating[Any]], self.samples)
+        moved, stops = moved[: samples.shape[1]], self._stops()
         for index in np.unique(group.scene):
             scene, at = self.scenes[index], group.scene == index
             rows = group.rows[at]
             poses = _poses(scene, moved[:, :, at])
             _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)
-            self.samples[rows, :, : scene.n_objects] = poses
+            samples[rows, :, : scene.n_objects] = poses
 
     def _alike(self, rows: Rows) -> Rows:
         return _alike(rows, self.plan)

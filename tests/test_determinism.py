@@ -1,7 +1,7 @@
 """What stays equal bit for bit from process to process (the section Determinism of docs/parity.md).
 
 That a world's bits depend neither on its neighbours nor on its place is in tests/physics/test_batching.py, that threads
-change nothing in tests/physics/test_compilation.py, that training repeats itself in tests/train/test_runs.py.
+change nothing in tests/execution/test_compilation.py, that training repeats itself in tests/train/test_runs.py.
 """
 
 import os
@@ -21,17 +21,20 @@ for dtype in ("float64", "float32"):
     played = iphyre_jax.simulate("hole", plans, fps=10, dtype=dtype, sample_every=1)
     print(hashlib.sha256(played.samples.tobytes()).hexdigest(), hash(tuple(played.steps.tolist())))
 """
-OPTIONS = "iphyre_jax.configure(cache=False)"
-OLD_PROCESSOR = "--xla_cpu_max_isa=SSE4_2"  # neither wide vectors nor fused multiply-adds
-ONE_THREAD = "iphyre_jax.configure(cache=False, options=False, devices=1)"
+# Neither our options nor wide vectors nor fused multiply-adds.
+OLD_PROCESSOR = """
+from iphyre_jax.execution import executables
+executables.OPTIONS = {options}
+"""
+ONE_THREAD = "iphyre_jax.configure(cache=False, devices=1)"
 
 
-def bits(prelude: str = "", **environment: str) -> list[list[str]]:
+def bits(prelude: str = "") -> list[list[str]]:
     """Hashes of all poses and of the steps made, in float64 and in float32, from a process of its own."""
     own = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
     program = PROGRAM.format(prelude=prelude)
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=own | environment
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=own
     )
     assert done.returncode == 0, done.stderr
     return [line.split() for line in done.stdout.splitlines()]
@@ -41,6 +44,7 @@ def bits(prelude: str = "", **environment: str) -> list[list[str]]:
 def test_bits_depend_on_no_process_and_float64_on_no_compiler_option_or_instruction_set() -> None:
     here = bits()
     assert bits(ONE_THREAD) == here
-    double, single = bits(OPTIONS, XLA_FLAGS=OLD_PROCESSOR if platform.machine() in ("x86_64", "AMD64") else "")
+    options = {"--xla_cpu_max_isa": "SSE4_2"} if platform.machine() in ("x86_64", "AMD64") else {}
+    double, single = bits(OLD_PROCESSOR.format(options=options))
     assert double == here[0]
     assert single[1] == here[1][1]  # the steps made; float32 may be rounded otherwise

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from iphyre_jax import Scene, load_scene, simulate, simulate_many
-from iphyre_jax.meshes import LANES
+from iphyre_jax.execution.devices import LANES
 from iphyre_jax.scenes.files import write_scene
 
 GRAVITY = 100.0  # px/s^2

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import iphyre_jax
-from iphyre_jax.envs import Batch, Environment, Steps, unroll_on_threads
+from iphyre_jax.envs import Batch, Environment, Steps, unroll
 from iphyre_jax.envs.protocols import PROTOCOLS
 
 CHANCE = 0.06  # of a click at a slot, at each decision
@@ -59,7 +59,7 @@ def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
     env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name, autoreset=False)
     batch = Batch.of(env, params, np.arange(worlds) % len(games))
     weights, key, order = jnp.ones(env.observation_space().shape), jax.random.key(0), np.asarray(batch.game)
-    play = partial(unroll_on_threads, decisions=env.strategy.decisions)
+    play = partial(unroll, decisions=env.strategy.decisions)
     _, steps = play(env, reads, weights, batch, key)
     plan, made = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
     simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)

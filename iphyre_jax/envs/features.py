@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -117,9 +117,8 @@ def feature_shapes(topology: Topology, limits: Limits, dtype: str) -> Features:
 
 def without_rows(features: Features, dtype: str) -> Features:
     """Return features as `feature_shapes` has them (NumPy)."""
-    return replace(
-        features, rows=None, seen=np.asarray(features.seen, dtype), candidates=np.asarray(features.candidates, dtype)
-    )
+    numbers: dict[str, Any] = {name: np.asarray(getattr(features, name), dtype) for name in ("seen", "candidates")}
+    return replace(features, rows=None, **numbers)
 
 
 def own_features(features: Features, topology: Topology) -> Features:
@@ -166,10 +165,10 @@ def object_table(features: Features, pose: Pose) -> jax.Array:
 
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
-    assert features.rows is not None
+    start = cast(jax.Array, features.rows)
     placed = jax.lax.optimization_barrier(_placed(features, pose))
-    numbers = [_pair_number(member, pose.there).astype(features.rows.dtype) for member in _members(features)]
-    return _table(features, features.rows, pose.there, placed, numbers)
+    numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
+    return _table(features, start, pose.there, placed, numbers)
 
 
 def official_rows(features: Features, pose: Pose) -> jax.Array:
@@ -187,7 +186,9 @@ def official_rows(features: Features, pose: Pose) -> jax.Array:
 def motion(features: Features, progress: Progress, steps: jax.Array) -> jax.Array:
     """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
 
-    steps: () physics steps of a whole episode. By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
+    By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
+
+    steps: () physics steps of a whole episode.
     """
     moves, step = progress.state.motion, progress.state.step
     objects = features.seen.shape[0]

@@ -114,7 +114,7 @@ class HostStep:
             scenes: (games, words) as of `host_worlds`.
             kind: (games,) topology of each.
             episodes: (B, words).
-            orders: (B, 2 slots + 1) as of `EnvStep`.
+            orders: (B, 2 slots + 1) as of `EnvStep`, of the words' dtype.
             next_game: (B,) game that follows an episode; -1 for none.
             out: is filled with episodes (B, words), what is seen of them, and the packed status of those played.
             final: is filled with the episodes played as they are then, and what is seen of them.
@@ -153,7 +153,7 @@ class HostStep:
     def _set_starts(self, table: _Table) -> None:
         """Find out how each game begins."""
         games = np.arange(len(table.kind))
-        orders = np.full((len(games), 2 * self.blocks + 1), -1, np.int32)
+        orders = np.full((len(games), 2 * self.blocks + 1), -1, table.scenes[0].dtype)
         orders[:, self.blocks], orders[:, self.blocks + 1 :] = BEGIN, 0
         episodes = np.zeros((len(games), self.row), table.scenes[0].dtype)
         episodes[:, 0] = games

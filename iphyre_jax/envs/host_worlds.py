@@ -1,7 +1,7 @@
 """Worlds on a CPU: episodes are played by the host, in executables that were compiled apart.
 
-Inside a user's program a decision is one call of the host, which plays the whole batch on all cores (`host_step`). So the
-program compiles in a second whatever its games, and runs at the engine's speed. A call is a pure function of its
+Inside a user's program a decision is one call of the host, which plays the whole batch on all cores (`host_step`). So
+the program compiles in a second whatever its games, and runs at the engine's speed. A call is a pure function of its
 arguments: it may be left out or made twice.
 """
 
@@ -127,7 +127,7 @@ class HostWorlds:
         next_game: jax.Array,
     ) -> Played:
         """Play on; see `params.Worlds`."""
-        orders = jnp.concatenate([plan, until[None], executed]).astype(jnp.int32)
+        orders = jnp.concatenate([plan, until[None], executed]).astype(WORD[self.dtype])
         results = ["words", "seen", "status", *(["words", "seen"] if self.keep_last else [])]
         words, seen, status, *last = self._call(_play, results, params, state.words, orders, next_game)
         last_state, last_seen = (HostState(last[0]), last[1]) if last else (None, None)
@@ -195,8 +195,9 @@ def _host(worlds: HostWorlds) -> HostStep:
 def _begin(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
     """Fill in the beginnings of episodes; arguments are buffers, each with the batch's axes or ones in front."""
     words, seen = _flat(out)
-    scenes, kind, first = _tables(given, np.shape(out[0])[:-1])
-    game = np.broadcast_to(np.asarray(given[2]), np.shape(out[0])[:-1]).reshape(-1)
+    batch = np.asarray(out[0]).shape[:-1]
+    scenes, kind, first = _tables(given, batch)
+    game: Words = np.broadcast_to(np.asarray(given[2]), batch).reshape(-1)
     words[:], seen[:] = host.begin(scenes, kind, game + first)
     words[:, 0] = game
 
@@ -204,7 +205,7 @@ def _begin(host: HostStep, _: object, out: Sequence[object], *given: object) -> 
 def _play(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
     """Fill in what comes of one decision of each episode; arguments as of `_begin`."""
     words, seen, status, *last = _flat(out)
-    batch = np.shape(out[0])[:-1]
+    batch = np.asarray(out[0]).shape[:-1]
     scenes, kind, first = _tables(given, batch)
     episodes, orders = (_rows(part, batch) for part in given[2:4])
     next_game = np.broadcast_to(np.asarray(given[4]), batch).reshape(-1)

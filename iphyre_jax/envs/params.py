@@ -1,4 +1,4 @@
-"""The data of an environment: its games, and the state of an episode. Opaque to who uses them, but for what is named."""
+"""The data of an environment: its games, and the state of an episode; opaque to users, but for what is named."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Played(NamedTuple):
 
 
 class Worlds(Protocol):
-    """How episodes are begun, played and seen; written for one world, to be mapped. See `host_worlds`, `traced_worlds`."""
+    """How episodes are begun, played and seen, for one world, to be mapped; see `host_worlds` and `traced_worlds`."""
 
     def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
         """Return scenes as parameters."""

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import Progress
 

@@ -23,7 +23,7 @@ Rows = npt.NDArray[np.integer[Any]]
 
 @lru_cache(SCENES_KEPT)
 def cached_world(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
-    """Return topology and numbers of a scene, without lanes; computed once while it is among the last ones asked for."""
+    """Return topology and numbers of a scene, without lanes; kept while it is among the last SCENES_KEPT asked for."""
     return build(scene, resets=resets, dtype=dtype)
 
 

@@ -7,6 +7,7 @@ damage, not malice.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -78,10 +79,8 @@ def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
         return None
     if header.get("sha256") != hashlib.sha256(payload).hexdigest():
         return None
-    try:
+    with contextlib.suppress(OSError):
         os.utime(path)  # it is in use
-    except OSError:
-        pass
     return payload
 
 

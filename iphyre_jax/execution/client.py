@@ -58,7 +58,11 @@ class OnClient:
 
 
 def _put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
-    return xla_client.batched_device_put(_aval(array.shape, array.dtype), _sharding(), [array], _devices(), True)
+    aval = _aval(array.shape, array.dtype)
+    if array.itemsize == 8:  # without it 64 bits become 32, whatever the aval says
+        with jax.enable_x64(True):
+            return xla_client.batched_device_put(aval, _sharding(), [array], _devices(), True)
+    return xla_client.batched_device_put(aval, _sharding(), [array], _devices(), True)
 
 
 @cache

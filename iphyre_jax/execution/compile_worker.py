@@ -28,7 +28,7 @@ def compiled(program: Program) -> bytes:
     """Return the executable of a program, serialised."""
     with jax.enable_x64(program.dtype == "float64"):
         lowered = jax.jit(program.run, keep_unused=True).lower(*program.arguments())
-        executable = lowered.compile().runtime_executable()
+        executable: Any = lowered.compile().runtime_executable()
     payload: bytes = executable.client.serialize_executable(executable)
     return payload
 

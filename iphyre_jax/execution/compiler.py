@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final, cast
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compiler_options import xla_flags
@@ -53,7 +53,7 @@ class CompilerProcess:
         self.options, self.is_new = dict(options), True
         kept = {name: value for name, value in os.environ.items() if not name.startswith(_OURS)}
         quiet = {"TF_CPP_MIN_LOG_LEVEL": "3", "JAX_PLATFORMS": "cpu", "XLA_FLAGS": xla_flags(options)}
-        path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+        path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
                 [sys.executable, "-P", "-m", WORKER],
@@ -86,9 +86,9 @@ class CompilerProcess:
         try:
             if timer:
                 timer.start()
-            assert self._process.stdin is not None
-            self._process.stdin.write(json.dumps(request) + "\n")
-            self._process.stdin.flush()
+            questions = cast(IO[str], self._process.stdin)
+            questions.write(json.dumps(request) + "\n")
+            questions.flush()
             self._answer()
         except (OSError, CompilationError) as error:
             if timed_out.is_set():
@@ -99,8 +99,7 @@ class CompilerProcess:
                 timer.cancel()
 
     def _answer(self) -> None:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
+        line = cast(IO[str], self._process.stdout).readline()
         if not line:
             self.end()
             raise CompilationError(f"the compiling process ended with status {self._process.wait()}")

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import numpy as np
@@ -86,13 +86,21 @@ def share_of(mesh: Mesh | None) -> Share:
     return Share(own) if processes == {rank} else Share(own, rank, ranks)
 
 
-def runner(program: Program, mesh: Mesh | None) -> Run:
+class LanedProgram(Program, Protocol):
+    """A program of worlds side by side."""
+
+    @property
+    def lanes(self) -> int:
+        """How many; the length of the last axis of what has one for them."""
+
+
+def runner(program: LanedProgram, mesh: Mesh | None) -> Run:
     """Return a program that can be called with NumPy arrays: on this process's CPU, or on its accelerators."""
     return executable(program) if on_cpu() else _on_accelerators(program, mesh)
 
 
 @cache
-def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
+def _on_accelerators(program: LanedProgram, mesh: Mesh | None) -> Run:
     """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes, to its own end."""
     run = program.run
     if mesh is not None:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 Tree = TypeVar("Tree")
 Words = npt.NDArray[np.signedinteger[Any]]
 
-WORD = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
+WORD: dict[str, np.dtype[np.signedinteger[Any]]] = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,9 @@ class Program(Protocol):
 
     sources: ClassVar[tuple[str, ...]]
 
+    def __hash__(self) -> int:
+        """Two that are equal are one program."""
+
     @property
     def dtype(self) -> str:
         """The physics' type: "float32" or "float64"."""
@@ -80,7 +83,7 @@ def in_one_function(
 
     Args:
         work: returns an array.
-        arguments: arrays; tied to the loop's index, or the compiler would take out of the loop what hangs on them alone.
+        arguments: arrays; tied to the loop's index, or the compiler would take what hangs on them alone out of it.
         like: shape and type of the result.
         once: () int32, 1; unknown to the compiler, or it would see through the loop.
     """
@@ -111,9 +114,9 @@ class Score:
     columns: int
 
     def arguments(self) -> Shapes:
-        """Return the shapes of worlds (rows, lanes), plans (columns, lanes), clock, and (2,): the number of steps, and 1.
+        """Return the shapes of worlds (rows, lanes), plans (columns, lanes), clock, and counts (2,).
 
-        A plan's entries are SPARE in a lane that is not to be played.
+        The counts are the number of steps, and 1. A plan's entries are SPARE in a lane that is not to be played.
         """
         layout = world_layout(self.topology, self.dtype)
         return (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import count
 from threading import Event
@@ -46,8 +46,10 @@ def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Resul
         take()
     finally:
         begun = [helper for helper in helpers if not helper.cancel()]
-        for helper in begun:
-            helper.exception()
+        try:
+            wait(begun)
+        finally:
+            stop.set()  # an interrupt of the wait ends the others too
     for helper in begun:
         helper.result()
     return [results[k] for k in range(len(given))]

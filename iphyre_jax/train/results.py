@@ -19,8 +19,8 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from iphyre_jax.execution.configuration import configure
 from iphyre_jax.env import OFFICIAL_FPS
+from iphyre_jax.execution.configuration import configure
 from iphyre_jax.train import compare, logs, loop, runs
 from iphyre_jax.train.config import PresetName, TrainConfig
 from iphyre_jax.train.evaluate import evaluate

@@ -13,8 +13,9 @@ import pytest
 
 import iphyre_jax
 from iphyre_jax import load_scene, make
-from iphyre_jax.envs import make_params
+from iphyre_jax.envs.status import status_words
 from iphyre_jax.envs.strategies import STRATEGIES
+from iphyre_jax.execution.programs import progress_layout
 from iphyre_jax.observe import start_observation
 
 BATCH = 8
@@ -22,7 +23,7 @@ BATCH = 8
 
 @cache
 def environment(games: str = "support", autoreset: bool = True) -> Any:
-    return make(f"on-the-fly/{games}-v1", autoreset=autoreset)
+    return make(f"on-the-fly/{games}-v1", autoreset=autoreset, final_observation=True)
 
 
 def keys(seed: int, count: int = BATCH) -> jax.Array:
@@ -153,7 +154,7 @@ def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
     np.testing.assert_array_equal(auto[0], env.reset(jax.random.key(1), params)[0])
     assert bool(auto[3])
     assert float(auto[2]) == float(kept[2]) > 900
-    assert int(auto[1].progress.state.step) == 0
+    assert int(env.worlds.status(params, auto[1]).step) == 0
     assert_equal(jax.tree.leaves(auto[5]), jax.tree.leaves(kept[5]))
     later = plays[False][-1]  # ended, it stays: no reward, the same flags and observation
     assert float(later[2]) == 0
@@ -167,14 +168,12 @@ def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> No
     env, params = environment()
     step = batched_step(env)
     _, state = jax.vmap(env.reset, in_axes=(0, None))(keys(0), params)
-    poisoned = state.progress.state.motion.velocity.y.at[3].set(bad)
-    sick_motion = replace(
-        state.progress.state.motion, velocity=replace(state.progress.state.motion.velocity, y=poisoned)
-    )
-    cache = state.progress.state.cache
-    sick_cache = replace(cache, normal_impulse=cache.normal_impulse.at[3].set(bad))
-    physics = replace(state.progress.state, motion=sick_motion, cache=sick_cache)
-    sick = replace(state, progress=replace(state.progress, state=physics))
+    (topology,) = env.topologies
+    layout, first = progress_layout(topology, "float32"), status_words(env.limits.blocks)
+    places = layout.places().state
+    impulses = places.cache.normal_impulse + np.arange(topology.slots)
+    wrong = first + np.array([places.motion.velocity.y, *impulses])
+    sick = replace(state, words=state.words.at[3, wrong].set(np.float32(bad).view(np.int32)))
     others = np.arange(BATCH) != 3
     for t in range(10):
         clean_out = step(keys(t), state, actions()[:, t], params)
@@ -186,8 +185,8 @@ def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> No
         assert int(sick_out[5]["fault"][3]) == (2 if t == 0 else 0)
         assert bool(sick_out[4][3]) == (t == 0)
         state, sick = clean_out[1], sick_out[1]
-    for leaf in jax.tree.leaves(sick):
-        assert not np.isnan(leaf.astype(float)).any()
+    numbers = np.asarray(sick.words)[:, first + layout.whole_rows :].view(np.float32)
+    assert not np.isnan(numbers).any()
 
 
 def test_float64_asks_for_x64() -> None:
@@ -264,4 +263,4 @@ def test_bad_scenes_are_refused() -> None:
 def test_ids_cover_the_games_and_splits() -> None:
     ids = set(iphyre_jax.environment_ids())
     assert {f"{s}/{g}-v1" for s in ("in-advance", "on-the-fly", "combined") for g in ("basic", "all", "hole")} <= ids
-    assert make_params([load_scene("hole")], environment()[0].mixture, environment()[0].protocol, "float32").games == 1
+    assert environment()[0].params_of([load_scene("hole")]).games == 1

@@ -1,4 +1,4 @@
-"""Many decisions in lanes against the environment's own step; in advance, `test_evaluation` has them."""
+"""Many decisions in one scan against the environment's own step; in advance, `test_evaluation` has them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.envs import Batch, Steps, observations, records, unroll, unroll_on_threads
+from iphyre_jax.envs import Batch, Steps, unroll
 
 COUNTERS = ("success", "fault", "eliminations", "time")
 
@@ -60,7 +60,7 @@ def assert_same(env: Any, params: Any, batch: Batch, after: Batch, steps: Steps)
     np.testing.assert_array_equal(steps.truncated, truncated)
     np.testing.assert_allclose(steps.reward, reward, rtol=1e-6, atol=1e-4)
     np.testing.assert_allclose(steps.extras["seen"], jnp.concatenate([seen[None], later[:-1]]), atol=1e-6)
-    np.testing.assert_allclose(observations(env, after), later[-1], atol=1e-6)
+    np.testing.assert_allclose(after.seen, later[-1], atol=1e-6)
     for name in COUNTERS:
         np.testing.assert_allclose(steps.info[name], info[name], rtol=1e-6)
 
@@ -68,8 +68,8 @@ def assert_same(env: Any, params: Any, batch: Batch, after: Batch, steps: Steps)
 def test_a_mixture_on_the_fly_is_played_as_step_plays_it(two: str) -> None:
     env, params = iphyre_jax.make(f"on-the-fly/{two}")
     batch = Batch.of(env, params, np.repeat([1, 0], [5, 4]))
-    np.testing.assert_array_equal(batch.game, np.repeat([0, 1], [4, 5]))  # sorted
-    after, steps = unroll_on_threads(env, hasty, np.float32(0.2), batch, jax.random.key(3), decisions=60)
+    np.testing.assert_array_equal(batch.game, np.repeat([1, 0], [5, 4]))
+    after, steps = unroll(env, hasty, np.float32(0.2), batch, jax.random.key(3), decisions=60)
     assert_same(env, params, batch, after, steps)
     assert (steps.terminated | steps.truncated).any()
     assert steps.played.all()
@@ -86,28 +86,6 @@ def test_whole_episodes_combined_and_the_pure_form() -> None:
     assert ended[-1].all()
     np.testing.assert_array_equal(one.played[1:], ~ended[:-1])  # what has ended is not played
     np.testing.assert_array_equal(np.asarray(one.reward)[~np.asarray(one.played)], 0)
-
-
-def test_a_record_is_what_a_scan_stacks() -> None:
-    def turn(carry: jax.Array, count: jax.Array) -> tuple[jax.Array, Any]:
-        carry = carry + 1
-        return carry, (
-            carry,
-            carry > 2,
-            {"row": jnp.stack([carry, carry * count]), "rows": jnp.stack([carry * k for k in range(20)])},
-            carry.astype(jnp.int32),
-            count + carry,
-        )
-
-    start = jnp.arange(3, dtype=jnp.float32)
-    end, rows = records.scan(turn, start, 4)
-    expected_end, expected = jax.lax.scan(turn, start, jnp.arange(4, dtype=jnp.int32))
-    np.testing.assert_array_equal(end, expected_end)
-    expected = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 1), expected)
-    assert jax.tree.structure(rows) == jax.tree.structure(expected)
-    for a, b in zip(jax.tree.leaves(rows), jax.tree.leaves(expected), strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b)
 
 
 def test_bad_batches_get_one_line(two: str) -> None:

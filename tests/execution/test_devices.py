@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from jax.experimental import multihost_utils
 
-from iphyre_jax import meshes, simulate, simulate_many
+from iphyre_jax import simulate, simulate_many
+from iphyre_jax.execution import devices
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "two_processes.py"
 # A spring's damping is two numbers, one for each kind of its ends: not lanes, though there are two devices.
 CASES = (("spring", "float32"), ("hole", "float64"))
@@ -32,7 +33,7 @@ def digest(game, dtype, mesh):
 """
 TWO_DEVICES = f"""{PLAY}
 import jax
-iphyre_jax.configure(devices=2, cache=False, options=False)
+iphyre_jax.configure(devices=2)
 mesh = jax.make_mesh((2, 1), ("a", "b"))
 for game, dtype in {CASES}:
     print(len(jax.devices()), digest(game, dtype, mesh))
@@ -76,26 +77,26 @@ def test_no_worlds_on_a_mesh() -> None:
 
 
 @pytest.fixture
-def second(monkeypatch: pytest.MonkeyPatch) -> tuple[meshes.Share, list[Any]]:
+def second(monkeypatch: pytest.MonkeyPatch) -> tuple[devices.Share, list[Any]]:
     """The second of two processes, and the list of what the first one tells it."""
     first: list[Any] = []
     monkeypatch.setattr(
         multihost_utils, "process_allgather", lambda own: np.stack([first.pop(0) if first else own, own])
     )
-    return meshes.Share(None, rank=1, ranks=2), first
+    return devices.Share(None, rank=1, ranks=2), first
 
 
-def test_rows_of_all_processes_are_gathered(second: tuple[meshes.Share, list[Any]]) -> None:
+def test_rows_of_all_processes_are_gathered(second: tuple[devices.Share, list[Any]]) -> None:
     share, first = second
     array = np.array([[0.0, 0], [0, 0], [1, 2], [0, 0]])
     first.append(np.array([[5.0, np.nan], [1e-300, 8], [9, 10]]))
-    meshes.gather(share, [np.array([3, 0, 1]), np.array([2])], array)
+    devices.gather(share, [np.array([3, 0, 1]), np.array([2])], array)
     np.testing.assert_array_equal(array, [[1e-300, 8], [9, 10], [1, 2], [5, np.nan]])
 
 
-def test_processes_must_make_the_same_call(second: tuple[meshes.Share, list[Any]]) -> None:
+def test_processes_must_make_the_same_call(second: tuple[devices.Share, list[Any]]) -> None:
     _, first = second
-    meshes.agree(np.arange(3), "same")
+    devices.agree(np.arange(3), "same")
     first.append(np.zeros(32, np.uint8))
     with pytest.raises(ValueError, match=r"^mesh: .* must all make the same call"):
-        meshes.agree(np.arange(3), "other")
+        devices.agree(np.arange(3), "other")

@@ -1,0 +1,225 @@
+"""How often programs are compiled, in which types, from which threads, and what can go wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from iphyre_jax import Simulation, simulate, simulate_many
+from iphyre_jax.execution import compiler, configuration, executables
+
+
+@pytest.fixture(params=[False, True], ids=["x64 off", "x64 on"])
+def flag(request: pytest.FixtureRequest) -> Iterator[bool]:
+    before = jax.config.jax_enable_x64
+    jax.config.update("jax_enable_x64", request.param)
+    yield request.param
+    jax.config.update("jax_enable_x64", before)
+
+
+def test_one_program_for_a_topology(compiled: list[Any]) -> None:
+    """Two scenes, two rates, lengths, sizes of batch, numbers of the reset: compiled once, and once more for samples."""
+    never = [[-1]]
+    simulate("hole", never, fps=10)
+    simulate("support", never * 3, fps=60, duration=2)
+    simulate("direction", [[0, 1, 2, 3]], fps=25, resets=2)
+    simulate_many(["hole", "hinder"], [0, 1, 0], never * 3, fps=60, duration=1)
+    assert len(compiled) == 1
+    simulate("hole", never * 200, fps=10, duration=3, sample_every=7)
+    simulate("support", never, fps=60, duration=1, sample_every=30)
+    assert len(compiled) == 2
+    simulate("hole", never, fps=10, duration=1, dtype="float64")
+    simulate("support", never, fps=60, duration=1, dtype="float64")
+    assert len(compiled) == 3
+
+
+def test_types_do_not_depend_on_the_callers_flag_nor_change_it(flag: bool, compiled: list[Any]) -> None:
+    """Both types, compiled and played, with the flag as it was after each."""
+    plan = [[20, 5, 30, 9]]
+    for dtype in ("float64", "float32"):
+        played = simulate("hole", plan, fps=10, dtype=dtype, sample_every=150)
+        assert jax.config.jax_enable_x64 == flag
+        assert jax.numpy.zeros(()).dtype == ("float64" if flag else "float32")
+        assert played.samples is not None
+        assert played.samples.dtype == dtype
+        assert played.reward.dtype == np.float64
+        expected = _ONCE.setdefault(dtype, played)
+        np.testing.assert_array_equal(played.samples, expected.samples)
+        np.testing.assert_array_equal(played.steps, expected.steps)
+    assert len(compiled) == 2
+
+
+_ONCE: dict[str, Simulation] = {}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_float64_is_more_than_float32_written_wide(dtype: str) -> None:
+    played = simulate("hole", [[-1]], fps=60, duration=2, dtype=dtype, sample_every=120)
+    assert played.samples is not None
+    ball = played.samples[0, -1, -1].astype(np.float64)
+    narrow = ball.astype(np.float32).astype(np.float64)
+    assert (ball == narrow).all() == (dtype == "float32")
+
+
+def test_calls_from_threads_give_what_one_thread_gives(compiled: list[Any]) -> None:
+    """Eight at once, of both types, none compiled before: each program is still compiled once."""
+    plan = np.random.default_rng(0).integers(-1, 80, (8, 40, 4))
+
+    def play(k: int) -> Simulation:
+        return simulate("hole", plan[k], fps=10, dtype=("float32", "float64")[k % 2], sample_every=50)
+
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(play, range(8)))
+    assert len(compiled) == 2
+    for k, one in enumerate(together):
+        alone = play(k)
+        np.testing.assert_array_equal(one.steps, alone.steps)
+        np.testing.assert_array_equal(one.samples, alone.samples)
+        np.testing.assert_array_equal(one.reward, alone.reward)
+
+
+def test_calls_inside_the_callers_own_contexts() -> None:
+    """A caller's x64 context or disabled jit is his own; it neither leaks in nor is left changed."""
+    plan = [[20, 5, 30, 9]]
+    plain = simulate("hole", plan, fps=10, dtype="float32", sample_every=150)
+    with jax.enable_x64(True):
+        wide = simulate("hole", plan, fps=10, dtype="float32", sample_every=150)
+        assert jax.numpy.zeros(()).dtype == "float64"
+    np.testing.assert_array_equal(wide.samples, plain.samples)
+    with jax.disable_jit():
+        slow = simulate("hole", plan, fps=10, dtype="float32", sample_every=150)
+    np.testing.assert_array_equal(slow.samples, plain.samples)
+
+
+PLAN = [[20, 5, 30, 9], [3, -1, 7, 0]]
+
+
+def bits(dtype: str = "float32") -> bytes:
+    """What a simulation gives, as bytes."""
+    played = simulate("hole", PLAN, fps=10, dtype=dtype, sample_every=50)
+    assert played.samples is not None
+    return b"".join(part.tobytes() for part in (played.success, played.steps, played.reward, played.samples))
+
+
+def broken(path: Path, how: str) -> None:
+    """Damage an entry of the cache."""
+    content = path.read_bytes()
+    start = content.index(b"\n", content.index(b"\n") + 1) + 1
+    match how:
+        case "empty":
+            path.write_bytes(b"")
+        case "cut":
+            path.write_bytes(content[: len(content) * 2 // 3])
+        case "changed":
+            path.write_bytes(content[: start + 1000] + bytes([content[start + 1000] ^ 1]) + content[start + 1001 :])
+        case "foreign":
+            path.write_bytes(content.replace(b'"jaxlib"', b'"jaxlip"', 1))
+        case "not one":
+            path.write_bytes(b"anything\n" + content)
+        case "no program":  # sound as an entry, but nothing that can be loaded
+            header = json.loads(content[:start].splitlines()[1])
+            header["sha256"] = hashlib.sha256(b"no program").hexdigest()
+            path.write_bytes(b"\n".join([content.splitlines()[0], json.dumps(header).encode(), b"no program"]))
+        case "written by others":
+            path.chmod(0o666)
+
+
+@pytest.mark.parametrize(
+    "how", ["empty", "cut", "changed", "foreign", "not one", "no program", "written by others"]
+)
+def test_entries_that_are_not_sound_are_replaced(
+    how: str, folder: Path, compiled: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = bits()
+    (entry,) = folder.glob("*.program")
+    broken(entry, how)
+    monkeypatch.setattr(executables, "_loaded", {})
+    assert bits() == expected
+    assert len(compiled) == 2
+    assert [path.name for path in folder.iterdir()] == [entry.name]
+    assert entry.stat().st_mode & 0o777 == 0o600
+    monkeypatch.setattr(executables, "_loaded", {})
+    assert bits() == expected
+    assert len(compiled) == 2  # the new one is sound
+
+
+def test_without_a_folder_programs_are_compiled_and_not_kept(
+    compiled: list[Any], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = bits()
+    monkeypatch.setattr(executables, "_loaded", {})
+    monkeypatch.setattr(configuration, "_settings", configuration._Settings(folder_is_known=True))
+    assert bits() == expected
+    assert len(compiled) == 2
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_compilation_that_takes_too_long_is_ended(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    configuration._settings.compile_timeout = 0.05
+    with pytest.raises(TimeoutError, match=r"^compiling a program took longer than 0\.05 s$"):
+        simulate("multi_ball_lever", [[-1]], fps=10, duration=1)
+    assert not list(folder.glob("*.program"))
+    configuration._settings.compile_timeout = None
+    assert simulate("hole", [[-1]], fps=10, duration=1).steps == [10]
+
+
+NO_PROCESS = {
+    "no process": "no process can be started",
+    "unknown option": "the compiling process ended with status",
+}
+
+
+@pytest.mark.parametrize("how", NO_PROCESS)
+def test_where_the_way_is_barred_the_plain_one_works(
+    how: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One warning names the cost; the results are right."""
+    del folder
+    expected = simulate("hole", PLAN, fps=10, duration=1)
+    monkeypatch.setattr(executables, "_loaded", {})
+    compiler.end_waiting()
+    if how == "no process":
+        monkeypatch.setattr(compiler.sys, "executable", "/nowhere/python")
+        monkeypatch.setattr(executables, "OPTIONS", {"another": "key"})
+    else:
+        monkeypatch.setattr(executables, "OPTIONS", {"-no-such-option-of-llvm": "1"})
+    with pytest.warns(RuntimeWarning, match=f"without compiler options \\({NO_PROCESS[how]}.*40 times as long"):
+        played = simulate("hole", PLAN, fps=10, duration=1)
+    np.testing.assert_array_equal(played.reward, expected.reward)
+    np.testing.assert_array_equal(played.steps, expected.steps)
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import iphyre_jax
+iphyre_jax.configure(cache=sys.argv[1])
+def interrupt():
+    time.sleep(4)
+    os.kill(os.getpid(), signal.SIGINT)
+threading.Thread(target=interrupt, daemon=True).start()
+try:
+    iphyre_jax.simulate_many(iphyre_jax.GAMES, range(40), [[-1]] * 40, fps=10)
+except KeyboardInterrupt:
+    began = time.monotonic()
+    played = iphyre_jax.simulate("hole", [[-1]], fps=10, duration=1)
+    print(played.steps, time.monotonic() - began < 60)
+"""
+
+
+def test_an_interrupt_ends_compilation(tmp_path: Path) -> None:
+    """And the next call compiles as ever."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, str(tmp_path / "programs")], capture_output=True, text=True, timeout=300
+    )
+    assert done.stdout.split() == ["[10]", "True"], done.stderr
+    assert "Traceback" not in done.stderr
