@@ -24,7 +24,7 @@ for dtype in ("float64", "float32"):
 # Neither our options nor wide vectors nor fused multiply-adds.
 OLD_PROCESSOR = """
 from iphyre_jax.execution import executables
-executables.OPTIONS = {options}
+executables.options_for = lambda lanes: {options}
 """
 ONE_THREAD = "iphyre_jax.configure(cache=False, devices=1)"
 
@@ -33,9 +33,7 @@ def bits(prelude: str = "") -> list[list[str]]:
     """Hashes of all poses and of the steps made, in float64 and in float32, from a process of its own."""
     own = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
     program = PROGRAM.format(prelude=prelude)
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=own
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, env=own)
     assert done.returncode == 0, done.stderr
     return [line.split() for line in done.stdout.splitlines()]
 

@@ -42,6 +42,11 @@ class OfficialStep:
         """The physics' type."""
         return DTYPE
 
+    @property
+    def lanes(self) -> int:
+        """One world."""
+        return 1
+
     def arguments(self) -> programs.Shapes:
         """Return the shapes of a world (rows, 1), a clock, an order, and an episode (rows, 1).
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -15,7 +15,6 @@ import numpy.typing as npt
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.status import status_words
 from iphyre_jax.envs.step_program import BEGIN, EnvStep, scene_layout
-from iphyre_jax.execution import configuration
 from iphyre_jax.execution.client import OnClient, aligned, aligned_copy
 from iphyre_jax.execution.executables import executable, prepare
 from iphyre_jax.execution.programs import clock
@@ -39,11 +38,6 @@ class _Task:
     kind: int
     rows: Rows
     games: Ints  # of the worlds, sorted
-
-    @property
-    def is_uniform(self) -> bool:
-        """Whether all worlds are of one game."""
-        return bool(self.games[0] == self.games[-1])
 
     def padded(self, lanes: int) -> Ints:
         """Return the game of each lane, (lanes,); spare ones repeat the last world."""
@@ -82,8 +76,7 @@ class HostStep:
         self._counts = OnClient(np.array([protocol.steps, 1], np.int32))
         self._clock = OnClient(clock(timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, _Table] = OrderedDict()
-        self._uniform: OrderedDict[tuple[bytes, int], OnClient] = OrderedDict()
-        self._mixed: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
+        self._laid_out: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
         self._lock = threading.Lock()
         self._local = threading.local()
 
@@ -179,11 +172,9 @@ class HostStep:
         return tasks
 
     def _cut(self, kind: int, rows: npt.NDArray[np.intp] | None, games: Ints) -> list[_Task]:
-        """Cut the worlds of one topology into tasks, as many as there are threads if they are full."""
-        program, count = self.programs[kind], len(games)
-        share = -(-count // (configuration.threads() * program.lanes)) * program.lanes
-        size = min(max(share, program.lanes), program.lanes)
-        parts = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+        """Cut the worlds of one topology into tasks."""
+        lanes, count = self.programs[kind].lanes, len(games)
+        parts = [slice(start, min(start + lanes, count)) for start in range(0, count, lanes)]
         return [
             _Task(number, kind, part if rows is None else rows[part], games[part]) for number, part in enumerate(parts)
         ]
@@ -192,7 +183,7 @@ class HostStep:
         self, table: _Table, episodes: Ints, orders: Ints, out: tuple[Ints, npt.NDArray[Any]], task: _Task
     ) -> None:
         """Play the worlds of one task."""
-        program, count = self._program(task), len(task.games)
+        program, count = self.programs[task.kind], len(task.games)
         row, width = program.row, self.row
         worlds = self._scratch(task.kind)
         _copy_rows(worlds[:count, :row], episodes[:, :row], None, task.rows)
@@ -209,9 +200,6 @@ class HostStep:
             out[1], seen.view(np.float32) if seen.itemsize == out[1].itemsize else _floats(seen), task.rows, None
         )
 
-    def _program(self, task: _Task) -> EnvStep:
-        return replace(self.programs[task.kind], one_scene=True) if task.is_uniform else self.programs[task.kind]
-
     def _scratch(self, kind: int) -> Ints:
         """Return this thread's table of worlds for the calls of a program."""
         kept = self._local.__dict__.setdefault("tables", {})
@@ -224,30 +212,23 @@ class HostStep:
     def _scenes(self, table: _Table, task: _Task) -> OnClient:
         """Return the words of a task's scenes, (words, lanes), laid out before if they were wanted before."""
         lanes, words = self.programs[task.kind].lanes, table.scenes[task.kind]
-        if task.is_uniform:
-            key = table.key, int(task.games[0])
-            kept = self._uniform.get(key)
-            if kept is None:
-                kept = OnClient(words[task.games[0]][:, None])
-                self._keep(self._uniform, key, kept)
-            return kept
         place, games = (table.key, task.kind, task.number), task.padded(lanes)
         with self._lock:
-            there, laid, given = self._mixed.get(place, (None, None, None))
+            there, laid, given = self._laid_out.get(place, (None, None, None))
         if there is None or laid is None or given is None or not np.array_equal(there, games):
             # A new array, for another thread may be reading the old one.
             changed = np.arange(lanes) if there is None else np.flatnonzero(there != games)
             laid = aligned((words.shape[1], lanes), words.dtype) if laid is None else aligned_copy(laid)
             laid[:, changed] = words[games[changed]].T
             given = OnClient(laid)
-            self._keep(self._mixed, place, (games, laid, given))
+            self._keep(place, (games, laid, given))
         return given
 
-    def _keep(self, kept: OrderedDict[Any, Any], key: tuple[object, ...], value: object) -> None:
+    def _keep(self, place: tuple[bytes, int, int], laid_out: tuple[Ints, Ints, OnClient]) -> None:
         with self._lock:
-            kept[key] = value
-            while len(kept) > LAID_OUT_KEPT:
-                kept.popitem(last=False)
+            self._laid_out[place] = laid_out
+            while len(self._laid_out) > LAID_OUT_KEPT:
+                self._laid_out.popitem(last=False)
 
 
 def _copy_rows(to: npt.NDArray[Any], source: npt.NDArray[Any], to_rows: Rows | None, source_rows: Rows | None) -> None:

@@ -186,7 +186,7 @@ def _host(worlds: HostWorlds) -> HostStep:
     """Return what plays the worlds."""
     seen: ObservationName = "official" if worlds.observation == "image" else worlds.observation
     programs = [
-        EnvStep(t, worlds.dtype, lanes_of(t, worlds.dtype), seen, worlds.limits, worlds.no_op, one_scene=False)
+        EnvStep(t, worlds.dtype, lanes_of(t, worlds.dtype), seen, worlds.limits, worlds.no_op)
         for t in worlds.topologies
     ]
     return HostStep(programs, worlds.protocol)

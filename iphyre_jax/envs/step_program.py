@@ -46,7 +46,6 @@ class EnvStep:
         observation: "official" or "motion", see `observations`.
         limits: rows of the official table, slots of a plan.
         no_op: whether a candidate that does nothing stands before the blocks'.
-        one_scene: whether all worlds are of one scene, which is then given without lanes.
     """
 
     sources: ClassVar[tuple[str, ...]] = (
@@ -60,7 +59,6 @@ class EnvStep:
     observation: ObservationName
     limits: Limits
     no_op: bool
-    one_scene: bool
 
     @property
     def row(self) -> int:
@@ -81,12 +79,12 @@ class EnvStep:
     def arguments(self) -> programs.Shapes:
         """Return the shapes of scenes (words, lanes), worlds (lanes, row + order), clock, and counts (2,).
 
-        The words of scenes are those of `scene_layout`; one scene has one lane. A row of worlds is an episode and its
-        order. The counts are the steps of a whole episode, and 1.
+        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its order. The counts are the
+        steps of a whole episode, and 1.
         """
         scene = scene_layout(self.topology, self.limits, self.dtype)
         return (
-            jax.ShapeDtypeStruct((scene.rows, 1 if self.one_scene else self.lanes), scene.word),
+            jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
             jax.ShapeDtypeStruct((self.lanes, self.row + self.order), scene.word),
             jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
             jax.ShapeDtypeStruct((2,), "int32"),
@@ -100,16 +98,11 @@ class EnvStep:
 
         def play(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
             world, features = scene_layout(self.topology, self.limits, self.dtype).unpack(scenes)
-            if self.one_scene:
-                world, features = jax.tree.map(self._in_all_lanes, (world, features))
             tables = self._play(world, features, worlds.T, timing, steps, once)
             return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.seen), worlds.dtype))
 
         like = jax.ShapeDtypeStruct((self.lanes, self.row + self.seen), worlds.dtype)
         return (programs.in_one_function(play, (scenes, worlds), like, once),)
-
-    def _in_all_lanes(self, leaf: jax.Array) -> jax.Array:
-        return jnp.broadcast_to(leaf, (*leaf.shape[:-1], self.lanes))
 
     def _play(
         self, world: World, features: Features, worlds: jax.Array, timing: Timing, steps: jax.Array, once: jax.Array

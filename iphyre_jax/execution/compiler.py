@@ -37,6 +37,7 @@ class Job:
     program: object  # as `describe` returned it
     path: Path
     key: Mapping[str, Any]
+    options: Mapping[str, str]  # of the compiler, name -> value
 
 
 class CompilerProcess:
@@ -133,14 +134,13 @@ def end_waiting() -> None:
             _waiting.pop().end()
 
 
-def compile_all(jobs: Sequence[Job], options: Mapping[str, str], show: Callable[[int, int], None]) -> None:
+def compile_all(jobs: Sequence[Job], show: Callable[[int, int], None]) -> None:
     """Compile programs side by side, one process for each core to use, and wait for all of them.
 
     An interrupt or an error ends the processes at once.
 
     Args:
         jobs: what to compile.
-        options: compiler options, name -> value.
         show: told how many of how many programs are done, from time to time, once waiting takes long.
 
     Raises:
@@ -151,7 +151,7 @@ def compile_all(jobs: Sequence[Job], options: Mapping[str, str], show: Callable[
     stopped = threading.Event()
 
     def run(job: Job) -> None:
-        for process in _processes(options):
+        for process in _processes(job.options):
             busy.append(process)
             if stopped.is_set():
                 process.end()

@@ -39,6 +39,6 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
         return description
     module, _, name = str(description.get("class")).partition(":")
     kind: Any = getattr(import_module(module), name, None) if module.partition(".")[0] == PACKAGE else None
-    if not dataclasses.is_dataclass(kind):
+    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
         raise ValueError(f"class: expected a dataclass of {PACKAGE}, got {description.get('class')!r}")
     return kind(**{name: from_description(part) for name, part in description.items() if name != "class"})

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import numpy as np
@@ -25,7 +25,7 @@ from iphyre_jax.execution.programs import Program
 from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
-LANES = 128  # worlds side by side on a CPU: their state stays in the cache of a core
+LANES = 128  # most worlds side by side on a CPU
 LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
 
 
@@ -56,9 +56,12 @@ def on_cpu() -> bool:
 
 
 def lanes_of(topology: Topology, dtype: str) -> int:
-    """Return how many worlds of a topology a core plays side by side."""
-    del topology, dtype
-    return LANES
+    """Return how many worlds of a topology a core plays side by side: as many as its caches hold.
+
+    Half as many in float64, and half as many with three or more moving bodies, whose step goes through hundreds of
+    rows. Measured; see "Lanes" in docs/decisions.md.
+    """
+    return LANES // (2 if dtype == "float64" else 1) // (2 if topology.moving >= 3 else 1)
 
 
 def traced_lanes() -> int:
@@ -86,21 +89,13 @@ def share_of(mesh: Mesh | None) -> Share:
     return Share(own) if processes == {rank} else Share(own, rank, ranks)
 
 
-class LanedProgram(Program, Protocol):
-    """A program of worlds side by side."""
-
-    @property
-    def lanes(self) -> int:
-        """How many; the length of the last axis of what has one for them."""
-
-
-def runner(program: LanedProgram, mesh: Mesh | None) -> Run:
+def runner(program: Program, mesh: Mesh | None) -> Run:
     """Return a program that can be called with NumPy arrays: on this process's CPU, or on its accelerators."""
     return executable(program) if on_cpu() else _on_accelerators(program, mesh)
 
 
 @cache
-def _on_accelerators(program: LanedProgram, mesh: Mesh | None) -> Run:
+def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
     """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes, to its own end."""
     run = program.run
     if mesh is not None:

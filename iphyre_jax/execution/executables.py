@@ -24,7 +24,7 @@ import numpy as np
 from iphyre_jax.execution import cache_folder, configuration
 from iphyre_jax.execution.client import Arrays, Executable, OnClient
 from iphyre_jax.execution.compiler import CompilationError, Job, compile_all
-from iphyre_jax.execution.compiler_options import OPTIONS
+from iphyre_jax.execution.compiler_options import options_for
 from iphyre_jax.execution.description import describe
 from iphyre_jax.execution.programs import Program
 
@@ -88,9 +88,9 @@ def _load_all(programs: Sequence[Program], folder: Path) -> None:
     missing = [program for program in programs if not _load(program, *entries[program])]
     if not missing:
         return
-    jobs = [Job(describe(program), *entries[program]) for program in missing]
+    jobs = [Job(describe(program), *entries[program], options_for(program.lanes)) for program in missing]
     try:
-        compile_all(jobs, OPTIONS, _show)
+        compile_all(jobs, _show)
         cache_folder.remove_old_entries(folder)
     except CompilationError as error:
         problem = str(error)
@@ -137,7 +137,7 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
         "source": _source_sum(program.sources),
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
-        "options": dict(OPTIONS),
+        "options": dict(options_for(program.lanes)),
         "machine": _machine(),
     }
     return cache_folder.entry_path(folder, key), key

@@ -42,6 +42,10 @@ class Program(Protocol):
     def dtype(self) -> str:
         """The physics' type: "float32" or "float64"."""
 
+    @property
+    def lanes(self) -> int:
+        """Worlds side by side; the length of the last axis of what has one for them."""
+
     def arguments(self) -> Shapes:
         """Return the shapes of the arguments of `run`."""
 

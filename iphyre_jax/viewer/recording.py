@@ -212,6 +212,11 @@ class Record:
     columns: int
     length: int
 
+    @property
+    def lanes(self) -> int:
+        """One world."""
+        return 1
+
     def arguments(self) -> programs.Shapes:
         """Return the shapes of a world (rows, 1), a plan (columns,), and a clock."""
         layout = programs.world_layout(self.topology, self.dtype)

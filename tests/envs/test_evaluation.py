@@ -24,8 +24,7 @@ def random_times(key: jax.Array, seen: jax.Array) -> jax.Array:
 def test_scores_are_those_of_the_episodes() -> None:
     key = jax.random.key(4)
     scores = evaluate(random_times, ["hole", "support"], strategy="in-advance", episodes=16, key=key)
-    chunk = jax.random.split(key, 1)[0]  # both games are of one topology
-    keys = [jax.random.fold_in(one, 0) for one in jax.random.split(chunk, 32)]
+    keys = [jax.random.fold_in(one, 0) for one in jax.random.split(key, 32)]
     actions = np.stack([np.asarray(random_times(one, jnp.zeros(0))) for one in keys])
     played = play(["hole", "support"], np.repeat([0, 1], 16), actions)
     assert scores.games == ("hole", "support")

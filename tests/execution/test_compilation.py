@@ -28,7 +28,7 @@ def flag(request: pytest.FixtureRequest) -> Iterator[bool]:
 
 
 def test_one_program_for_a_topology(compiled: list[Any]) -> None:
-    """Two scenes, two rates, lengths, sizes of batch, numbers of the reset: compiled once, and once more for samples."""
+    """Two scenes, rates, lengths, sizes of batch, numbers of the reset: compiled once, and once more for samples."""
     never = [[-1]]
     simulate("hole", never, fps=10)
     simulate("support", never * 3, fps=60, duration=2)
@@ -134,9 +134,7 @@ def broken(path: Path, how: str) -> None:
             path.chmod(0o666)
 
 
-@pytest.mark.parametrize(
-    "how", ["empty", "cut", "changed", "foreign", "not one", "no program", "written by others"]
-)
+@pytest.mark.parametrize("how", ["empty", "cut", "changed", "foreign", "not one", "no program", "written by others"])
 def test_entries_that_are_not_sound_are_replaced(
     how: str, folder: Path, compiled: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,9 +178,7 @@ NO_PROCESS = {
 
 
 @pytest.mark.parametrize("how", NO_PROCESS)
-def test_where_the_way_is_barred_the_plain_one_works(
-    how: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One warning names the cost; the results are right."""
     del folder
     expected = simulate("hole", PLAN, fps=10, duration=1)
@@ -190,9 +186,9 @@ def test_where_the_way_is_barred_the_plain_one_works(
     compiler.end_waiting()
     if how == "no process":
         monkeypatch.setattr(compiler.sys, "executable", "/nowhere/python")
-        monkeypatch.setattr(executables, "OPTIONS", {"another": "key"})
+        monkeypatch.setattr(executables, "options_for", lambda lanes: {"another": "key"})
     else:
-        monkeypatch.setattr(executables, "OPTIONS", {"-no-such-option-of-llvm": "1"})
+        monkeypatch.setattr(executables, "options_for", lambda lanes: {"-no-such-option-of-llvm": "1"})
     with pytest.warns(RuntimeWarning, match=f"without compiler options \\({NO_PROCESS[how]}.*40 times as long"):
         played = simulate("hole", PLAN, fps=10, duration=1)
     np.testing.assert_array_equal(played.reward, expected.reward)

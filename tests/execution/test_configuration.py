@@ -115,7 +115,7 @@ def test_one_warning_if_jax_has_started(cache: Path) -> None:
 
 
 def test_compiler_options_are_no_longer_set(cache: Path) -> None:
-    code = f'{WATCH}iphyre_jax.configure(options=True)\nresult = [w.category.__name__ for w in seen]'
+    code = f"{WATCH}iphyre_jax.configure(options=True)\nresult = [w.category.__name__ for w in seen]"
     assert python(code, cache) == ["DeprecationWarning"]
 
 

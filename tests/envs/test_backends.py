@@ -1,0 +1,175 @@
+"""The two ways worlds are played inside a program, host and xla, and the host's in programs of every form."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import iphyre_jax
+from iphyre_jax.envs import Environment, EnvParams
+
+GAMES = ["support", "pendulum"]
+CASES = [
+    ("on-the-fly", {"observation": "motion", "final_observation": True}),
+    ("combined", {"autoreset": False}),
+    ("in-advance", {"protocol": "smooth"}),
+]
+
+
+@pytest.fixture(scope="module")
+def two() -> str:
+    iphyre_jax.register("backends-v1", GAMES)
+    return "backends-v1"
+
+
+def actions_of(env: Environment, batch: tuple[int, ...], seed: int = 0) -> Any:
+    """Hasty ones, so that blocks go and games end."""
+    generator = np.random.default_rng(seed)
+    if env.strategy.name == "on-the-fly":
+        return jnp.asarray(generator.integers(0, 7, batch) * (generator.random(batch) < 0.2), jnp.int32)
+    return jnp.asarray(generator.random((*batch, 6)) * 0.5, jnp.float32)
+
+
+@partial(jax.jit, static_argnums=0)
+def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
+    """Play actions (T, B, ...) in a scan; all that is ever told."""
+    keys = jax.random.split(jax.random.key(0), actions.shape[:2])
+    games = jnp.arange(actions.shape[1], dtype=jnp.int32) % params.games
+    seen, state = jax.vmap(env.reset_to, in_axes=(0, None))(games, params)
+
+    def turn(state: Any, given: Any) -> Any:
+        out = jax.vmap(env.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)
+        now = jax.vmap(env.observe, in_axes=(0, None))(out[1], params)
+        return out[1], (out[0], *out[2:], now, jax.vmap(env.info, in_axes=(0, None))(out[1], params))
+
+    return seen, jax.lax.scan(turn, state, (keys, actions))[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("strategy", "options"), CASES, ids=[case[0] for case in CASES])
+def test_both_backends_tell_the_same(two: str, strategy: str, options: dict[str, Any]) -> None:
+    """In float64, to the last bit: what is seen, rewards, flags and infos, autoreset included."""
+    told = []
+    with jax.enable_x64(True):
+        for backend in ("host", "xla"):
+            env, params = iphyre_jax.make(f"{strategy}/{two}", dtype="float64", backend=backend, **options)
+            actions = actions_of(env, (160 if strategy == "on-the-fly" else 8, 5))
+            told.append(played(env, params, actions))
+    assert jax.tree.structure(told[0]) == jax.tree.structure(told[1])
+    for one, other in zip(*map(jax.tree.leaves, told), strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+    terminated, truncated = told[0][1][2:4]
+    assert (terminated | truncated).any()
+    assert told[0][1][4]["eliminations"].max() > 0
+
+
+def test_any_form_of_batch_gives_the_same(two: str) -> None:
+    """One world, axes within axes, parameters of its own for each world, without jit."""
+    env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False)
+    games, actions = jnp.arange(6, dtype=jnp.int32) % 2, actions_of(env, (6,), 1)
+    key = jax.random.key(0)
+
+    def play(game: jax.Array, action: jax.Array, params: EnvParams) -> Any:
+        seen, state = env.reset_to(game, params)
+        out = env.step(key, state, action, params)
+        return seen, out[0], out[2:], env.step(key, out[1], action, params)[0]
+
+    expected = jax.vmap(play, in_axes=(0, 0, None))(games, actions, params)
+
+    def assert_same(given: Any) -> None:
+        for one, other in zip(jax.tree.leaves(given), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+    singles = [play(game, action, params) for game, action in zip(games, actions, strict=True)]
+    assert_same(jax.tree.map(lambda *rows: jnp.stack(rows), *singles))
+    twice = jax.vmap(jax.vmap(play, in_axes=(0, 0, None)), in_axes=(0, 0, None))
+    nested = twice(games.reshape(2, 3), actions.reshape(2, 3), params)
+    assert_same(jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested))
+    own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
+    assert_same(jax.jit(jax.vmap(play))(games, actions, own))
+    alone = [env.alone(params, int(game))[1] for game in games[:2]]
+    assert alone[0].games == 1
+    with jax.disable_jit():
+        assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
+
+
+def test_calls_leave_no_trace(two: str) -> None:
+    """The same call gives the same, whatever was asked for in between."""
+    env, params = iphyre_jax.make(f"on-the-fly/{two}")
+    others = env.params([GAMES[1], GAMES[0], GAMES[0]])
+    actions = actions_of(env, (40, 7))
+    first = played(env, params, actions)
+    between = played(env, others, actions)
+    again = played(env, params, actions)
+    for one, other in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    # The same games under other numbers, each with the same actions.
+    swapped = played(env, others, actions[:, np.array([1, 0, 2])])
+    np.testing.assert_array_equal(swapped[0][:2], np.asarray(first[0])[[1, 0]])
+    assert between[0].shape == first[0].shape
+
+
+SCRIPT = """
+import hashlib
+import jax, jax.numpy as jnp, numpy as np
+import iphyre_jax
+{call}
+iphyre_jax.register("own-v1", ["hole", "pendulum"])
+env, params = iphyre_jax.make("on-the-fly/own-v1")
+keys = jax.random.split(jax.random.key(0), 6)
+seen, state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)
+step = jax.vmap(env.step, in_axes=(0, 0, 0, None))
+actions = jnp.asarray(np.random.default_rng(0).integers(0, 7, (200, 6)), jnp.int32)
+first = step(keys, state, actions[0], params)  # not jitted
+def turn(state, action):
+    out = step(keys, state, action, params)
+    return out[1], (out[0], *out[2:])
+told = first[2:], jax.jit(lambda state: jax.lax.scan(turn, state, actions)[1])(state)
+{then}
+print(hashlib.sha256(b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(told))).hexdigest())
+"""
+# An ordinary program: a scatter in a loop, the gradient of a convolution, a step of optax.
+ORDINARY = """
+import optax
+ring = jax.jit(lambda ring: jax.lax.fori_loop(0, 9, lambda k, ring: ring.at[k % 4].set(k * ring[k % 3]), ring))
+assert ring(jnp.ones((4, 5))).shape == (4, 5)
+def loss(weights, image):
+    return jax.lax.conv(image, weights, (1, 1), "SAME").sum() ** 2
+weights, image = jnp.ones((3, 2, 3, 3)), jnp.ones((4, 2, 8, 8))
+optimiser = optax.adam(1e-3)
+@jax.jit
+def learn(weights, memory):
+    gradient = jax.grad(loss)(weights, image)
+    change, memory = optimiser.update(gradient, memory)
+    return optax.apply_updates(weights, change), memory
+weights, _ = learn(weights, optimiser.init(weights))
+assert np.isfinite(np.asarray(weights)).all()
+"""
+
+
+def told(call: str = "", then: str = "", flags: str = "") -> str:
+    around = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    environment = {**around, **({"XLA_FLAGS": flags} if flags else {})}
+    code = SCRIPT.format(call=call, then=then)
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_a_mixture_inside_a_program_of_a_process_of_its_own() -> None:
+    """Two topologies, stepped with and without jit, beside an ordinary program: whatever was called or set first."""
+    plain = told(then=ORDINARY)
+    assert len(plain) == 2 * hashlib.sha256().digest_size
+    assert told("iphyre_jax.configure()") == plain
+    assert told("iphyre_jax.configure(devices=1)") == plain
+    assert told(flags="--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true") == plain
