@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,11 @@ from iphyre_jax.physics.contact_point import (
 from iphyre_jax.physics.contacts import STATIC_BODY, Point, Points, unpack
 from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
+
+FEW_SLOTS = 2  # with so few there is a program for each number of them in use, without loops over slots
+
+Own = TypeVar("Own")
+_Sweep = tuple[Own, list[joints.Link], list[Motion]]  # impulses so far, links, motions
 
 
 @jax.tree_util.register_dataclass
@@ -171,20 +178,33 @@ def apply_cached(world: World, contacts: Contacts, used: jax.Array, motions: lis
     return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), used, apply, motions)
 
 
+def _larger(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Return the larger number as the reference does, which takes b for a NaN; no slower than one instruction."""
+    return jnp.where(a > b, a, b)
+
+
+def _smaller(a: jax.Array, b: jax.Array) -> jax.Array:
+    return jnp.where(a < b, a, b)
+
+
+Impulses = tuple[jax.Array, jax.Array, jax.Array]  # normal, tangent, bias
+
+
 def _solve_point(
-    world: World, contact: Contact, impulses: jax.Array, motions: list[Motion]
-) -> tuple[jax.Array, list[Motion]]:
+    world: World, contact: Contact, impulses: Impulses, motions: list[Motion]
+) -> tuple[Impulses, list[Motion]]:
     """Solve one contact point: all three impulses from velocities read before any of them is applied."""
+    zero = jnp.zeros_like(impulses[0])
     bias_speed = relative_velocity(contact, motions, bias=True).x
     speed = relative_velocity(contact, motions)
 
-    bias = jnp.maximum(impulses[2] + product(contact.bias - bias_speed, contact.normal_mass), 0)
-    normal = jnp.maximum(impulses[0] + product(-(contact.bounce + speed.x), contact.normal_mass), 0)
+    bias = _larger(impulses[2] + product(contact.bias - bias_speed, contact.normal_mass), zero)
+    normal = _larger(impulses[0] + product(-(contact.bounce + speed.x), contact.normal_mass), zero)
     limit = product(jnp.array(FRICTION, normal.dtype), normal)
-    tangent = jnp.clip(impulses[1] + product(-speed.y, contact.tangent_mass), -limit, limit)
+    tangent = _smaller(_larger(impulses[1] + product(-speed.y, contact.tangent_mass), -limit), limit)
 
     impulse = Vec(normal - impulses[0], tangent - impulses[1])
-    return lanes.stack([normal, tangent, bias]), apply_impulse(world, contact, motions, impulse, bias - impulses[2])
+    return (normal, tangent, bias), apply_impulse(world, contact, motions, impulse, bias - impulses[2])
 
 
 def solve(
@@ -201,21 +221,40 @@ def solve(
 
     used: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
     """
-    Carry = tuple[jax.Array, list[Motion]]
+    of = form_of(world)
 
-    def slot(k: jax.Array, fixed: jax.Array, carry: Carry) -> Carry:
+    def slot(k: jax.Array, fixed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
         impulses, motions = carry
-        contact = unpack_contact(fixed, form_of(world))
-        new, motions = _solve_point(world, contact, lanes.read(impulses, k), motions)
-        return lanes.write(impulses, k, new), motions
+        own = lanes.read(impulses, k)
+        new, motions = _solve_point(world, unpack_contact(fixed, of), (own[0], own[1], own[2]), motions)
+        return lanes.write(impulses, k, lanes.stack(new)), motions
 
-    def sweep(
-        _: jax.Array, carry: tuple[jax.Array, list[joints.Link], list[Motion]]
-    ) -> tuple[jax.Array, list[joints.Link], list[Motion]]:
+    def sweep(_: jax.Array, carry: _Sweep[jax.Array]) -> _Sweep[jax.Array]:
         impulses, links, motions = carry
         impulses, motions = lanes.visit(contacts.fixed, used, slot, (impulses, motions))
         links, motions = joints.sweep(topology, timing, links, motions, place)
         return impulses, links, motions
 
-    impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, links, motions))
+    def unrolled(count: int, carry: _Sweep[jax.Array]) -> _Sweep[jax.Array]:
+        """Run all sweeps over the first slots, which are kept apart, so that none of them is read or written."""
+        impulses, links, motions = carry
+        points = [unpack_contact(contacts.fixed[k], of) for k in range(count)]
+
+        def sweep(_: jax.Array, carry: _Sweep[list[Impulses]]) -> _Sweep[list[Impulses]]:
+            (*own,), links, motions = carry
+            for k, contact in enumerate(points):
+                own[k], motions = _solve_point(world, contact, own[k], motions)
+            return own, *joints.sweep(topology, timing, links, motions, place)
+
+        start = [(impulses[k, 0], impulses[k, 1], impulses[k, 2]) for k in range(count)]
+        own, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, links, motions))
+        rows = [lanes.stack(row)[None] for row in own]
+        return jnp.concatenate([*rows, impulses[count:]]), links, motions
+
+    start = contacts.impulses, links, motions
+    if topology.slots <= FEW_SLOTS:
+        ways = [partial(unrolled, count) for count in range(topology.slots + 1)]
+        impulses, links, motions = jax.lax.switch(used, ways, start)
+    else:
+        impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, start)
     return replace(contacts, impulses=impulses), links, motions
