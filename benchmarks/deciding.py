@@ -22,27 +22,30 @@ class Deciding:
         work: a game, or "mixed".
         fps: physics steps a second; a decision lasts 0.1 s.
         worlds: side by side.
-        steps: physics steps really made.
+        steps: physics steps really made, by name of what was measured.
         same_steps: share of the worlds that end with the same step both ways.
-        seconds: for "simulate", "reads" (the policy reads its observations) and "keeps" (they are kept too): wall-clock
-            and processor seconds of each turn.
+        seconds: for "simulate", "scan" (a user's scan over `env.step`, autoreset), "reads" (`unroll`, the policy reads
+            its observations) and "keeps" (they are kept too): wall-clock and processor seconds of each turn.
+        compiled: s, compilation of the program of "scan", the engine's own being there.
     """
 
     work: str
     fps: int
     worlds: int
-    steps: int
+    steps: dict[str, int]
     same_steps: float
     seconds: dict[str, list[tuple[float, float]]]
+    compiled: float
 
     def rate(self, name: str, clock: int) -> float:
         """Return the median of the steps a second, by the wall clock (0) or the processor's (1)."""
-        return median(self.steps / turn[clock] for turn in self.seconds[name])
+        return median(self.steps[name] / turn[clock] for turn in self.seconds[name])
 
     def share(self, name: str, clock: int) -> float:
         """Return the median, over turns, of the throughput as a share of plain simulation's."""
         pairs = zip(self.seconds["simulate"], self.seconds[name], strict=True)
-        return median(plain[clock] / turn[clock] for plain, turn in pairs)
+        more = self.steps[name] / self.steps["simulate"]
+        return more * median(plain[clock] / turn[clock] for plain, turn in pairs)
 
 
 def deciding(
@@ -54,7 +57,7 @@ def deciding(
         RuntimeError: a process ends without a result; one line.
     """
     for games in works:
-        worlds = 128 * max(len(games), 10)  # full chunks, and several of them for the threads
+        worlds = 1024
         for rate in fps:
             around = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
             numbers = map(str, (rate, worlds, turns))

@@ -237,15 +237,23 @@ def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
 
 def deciding_table(found: Sequence[Deciding], fps: int) -> Table:
     """Physics steps a second under decisions on the fly; wall and cpu: as a share of plain simulation's."""
-    heads = ["simulate", *(f"{what} {clock}" for what in ("read", "kept") for clock in ("M/s", "wall", "cpu"))]
-    made = table(f"On the fly, {fps} fps, float32: observations read, or kept too", "games", *heads, "same step")
+    heads = ["simulate", *(f"{what} {clock}" for what in ("scan", "read", "kept") for clock in ("M/s", "wall", "cpu"))]
+    made = table(
+        f"On the fly, {fps} fps, float32: env.step in a scan; unroll, observations read, or kept too",
+        "games",
+        *heads,
+        "same step",
+        "compile s",
+    )
     for one in found:
         cells = [
             cell
-            for name in ("reads", "keeps")
+            for name in ("scan", "reads", "keeps")
             for cell in (millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}", f"{one.share(name, 1):.2f}")
         ]
-        made.add_row(one.work, millions(one.rate("simulate", 0)), *cells, f"{100 * one.same_steps:.1f} %")
+        made.add_row(
+            one.work, millions(one.rate("simulate", 0)), *cells, f"{100 * one.same_steps:.1f} %", f"{one.compiled:.1f}"
+        )
     return made
 
 

@@ -3,6 +3,7 @@
 A random policy plays whole episodes in every world; the plans that come of its actions are then played by
 `simulate_many`, so both make the same physics steps. The policy adds up all numbers of each observation with weights,
 for a policy that looked at nothing would let the compiler leave the observations out. A second one also keeps them.
+Beside them the loop of a user: a `lax.scan` over `jax.vmap(env.step)` with autoreset, actions and keys given.
 """
 
 import json
@@ -17,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import iphyre_jax
-from iphyre_jax.envs import Batch, Environment, Steps, unroll
+from iphyre_jax.envs import Batch, Environment, EnvParams, EnvState, Steps, unroll
 from iphyre_jax.envs.protocols import PROTOCOLS
 
 CHANCE = 0.06  # of a click at a slot, at each decision
@@ -44,6 +45,19 @@ def plans(environment: Environment, games: np.ndarray[Any, Any], steps: Steps) -
     return np.where(np.arange(6) < np.array(blocks)[games][:, None], first, -1)
 
 
+@partial(jax.jit, static_argnums=0)
+def scan(
+    environment: Environment, params: EnvParams, state: EnvState, keys: jax.Array, actions: jax.Array
+) -> tuple[EnvState, tuple[jax.Array, ...]]:
+    """Step all worlds with actions (T, B): the last state; time, end and the sum of the observation, (T, B) each."""
+
+    def turn(state: EnvState, given: tuple[jax.Array, jax.Array]) -> tuple[EnvState, tuple[jax.Array, ...]]:
+        out = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)
+        return out[1], (out[5]["time"], out[3] | out[4], out[0].sum(axis=1))
+
+    return jax.lax.scan(turn, state, (keys, actions))
+
+
 def timed(work: Callable[[], object]) -> tuple[float, float]:
     """Return wall-clock and processor seconds."""
     wall, cpu = time.perf_counter(), time.process_time()
@@ -52,8 +66,7 @@ def timed(work: Callable[[], object]) -> tuple[float, float]:
 
 
 def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
-    """Measure all three in turns and tell it as one line of JSON."""
-    iphyre_jax.configure()
+    """Measure all in turns and tell it as one line of JSON."""
     protocol = next(protocol for protocol in PROTOCOLS.values() if protocol.fps == fps)
     iphyre_jax.register("measured-v1", games)
     env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name, autoreset=False)
@@ -63,18 +76,29 @@ def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
     _, steps = play(env, reads, weights, batch, key)
     plan, made = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
     simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)
+    again, _ = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name)
+    keys = jax.random.split(key, (env.strategy.decisions, worlds))
+    begin = time.perf_counter()
+    scan.lower(again, params, batch.state, keys, steps.action).compile()
+    compiled = time.perf_counter() - begin
     works: dict[str, Callable[[], object]] = {
         "simulate": simulate,
+        "scan": lambda: scan(again, params, batch.state, keys, steps.action),
         "reads": lambda: play(env, reads, weights, batch, key),
         "keeps": lambda: play(env, keeps, weights, batch, key),
     }
     same = float((simulate().steps == made).mean())
+    until, ended, _ = map(np.asarray, scan(again, params, batch.state, keys, steps.action)[1])
     works["keeps"]()
+    since = np.where(ended[:-1], 0, until[:-1])
+    count = dict.fromkeys(works, int(made.sum()))
+    count["scan"] = int(np.rint((until.sum() - since.sum()) * fps))
     seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
     for _ in range(turns):
         for name, work in works.items():
             seconds[name].append(timed(work))
-    print(json.dumps({"steps": int(made.sum()), "same_steps": same, "seconds": seconds}), flush=True)
+    told = {"steps": count, "same_steps": same, "seconds": seconds, "compiled": compiled}
+    print(json.dumps(told), flush=True)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from iphyre_jax.observe import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, sce
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
-from iphyre_jax.scenes import MAX_OBJECTS, Limits, Scene
+from iphyre_jax.scenes import MAX_OBJECTS, Scene
 
 NOTHING = -1  # a place without an object
 
@@ -93,34 +93,6 @@ def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, A
     return padded
 
 
-def feature_shapes(topology: Topology, limits: Limits, dtype: str) -> Features:
-    """Return the shapes of the features of a scene of a topology without its `rows`, as `jax.ShapeDtypeStruct`.
-
-    All numbers are of the physics' dtype.
-    """
-
-    def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
-        return jax.ShapeDtypeStruct(shape, kind)
-
-    objects, blocks = limits.objects, limits.blocks
-    return Features(
-        rows=None,
-        seen=array(objects, COLUMNS),
-        mover=array(topology.moving, kind="int32"),
-        ends=array(topology.bars, 2, 2),
-        slot_object=array(blocks, kind="int32"),
-        joints=array(len(topology.pins), objects, kind="bool"),
-        springs=array(len(topology.springs), objects, kind="bool"),
-        candidates=array(blocks, 2),
-    )
-
-
-def without_rows(features: Features, dtype: str) -> Features:
-    """Return features as `feature_shapes` has them (NumPy)."""
-    numbers: dict[str, Any] = {name: np.asarray(getattr(features, name), dtype) for name in ("seen", "candidates")}
-    return replace(features, rows=None, **numbers)
-
-
 def own_features(features: Features, topology: Topology) -> Features:
     """Return the features of worlds of one topology without the rows that a larger one of the mixture has."""
     return replace(
@@ -166,52 +138,63 @@ def object_table(features: Features, pose: Pose) -> jax.Array:
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
     start = cast(jax.Array, features.rows)
-    placed = jax.lax.optimization_barrier(_placed(features, pose))
+    placed = jax.lax.optimization_barrier(_placed(features.ends, pose))
     numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
     return _table(features, start, pose.there, placed, numbers)
 
 
 def official_rows(features: Features, pose: Pose) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
-    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
-    placed = [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(features, pose)]
     flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
     there = pose.there & pose.sound[None]
-    there, placed, flags = jax.lax.optimization_barrier((there, placed, flags))
+    there, placed, flags = jax.lax.optimization_barrier((there, seen_ends(features.ends, pose), flags))
     table = _table(features, features.seen.astype(jnp.float32), there, placed, flags)
     return table.reshape(-1, *table.shape[2:])
+
+
+def seen_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+    """Return x1, y1, x2, y2 of each moving body as they are seen, (4,) float32 in [0, 1]; ends: of `Features`."""
+    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
+    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
+    return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(ends, pose)]
+
+
+def speeds(progress: Progress) -> list[jax.Array]:
+    """Return vx and vy (600 px/s) and the turning (rad/s) of each moving body, (3,) float32."""
+    moves = progress.state.motion
+    x, y, turning = moves.velocity.x, moves.velocity.y, moves.angular
+    return [
+        jnp.stack([x[body] / SCREEN, y[body] / SCREEN, turning[body]]).astype(jnp.float32) for body in range(len(x))
+    ]
 
 
 def motion(features: Features, progress: Progress, steps: jax.Array) -> jax.Array:
     """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
 
-    By object row vx and vy in 600 px/s and the turning in rad/s; then the share of the 15 s gone by.
+    By object row the `speeds` of what moves; then the share of the 15 s gone by.
 
     steps: () physics steps of a whole episode.
     """
-    moves, step = progress.state.motion, progress.state.step
+    step = progress.state.step
     objects = features.seen.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
-    for body in range(features.mover.shape[0]):
-        speed = jnp.stack([moves.velocity.x[body] / SCREEN, moves.velocity.y[body] / SCREEN, moves.angular[body]])
-        here = (index == features.mover[body][None])[:, None]
-        table = jnp.where(here, speed.astype(jnp.float32)[None], table)
-    time = step.astype(jnp.float32) / steps.astype(jnp.float32)
+    for mover, speed in zip(features.mover, speeds(progress), strict=True):
+        table = jnp.where((index == mover[None])[:, None], speed[None], table)
+    time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler writes the division
     seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
     sound = progress.outcome.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
     return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
 
 
-def _placed(features: Features, pose: Pose) -> list[jax.Array]:
+def _placed(ends: jax.Array, pose: Pose) -> list[jax.Array]:
     """Return x1, y1, x2, y2 of each moving body, (4,) px."""
     placed = []
-    for body in range(features.mover.shape[0]):
+    for body in range(pose.x.shape[0]):
         x, y = pose.x[body], pose.y[body]
-        if body < features.ends.shape[0]:
+        if body < ends.shape[0]:
             cos, sin = jnp.cos(pose.angle[body]), jnp.sin(pose.angle[body])
-            turned = [(end[0] * cos - end[1] * sin, end[0] * sin + end[1] * cos) for end in features.ends[body]]
+            turned = [(end[0] * cos - end[1] * sin, end[0] * sin + end[1] * cos) for end in ends[body]]
             placed.append(jnp.stack([part for dx, dy in turned for part in (x + dx, y + dy)]))
         else:
             placed.append(jnp.stack([x, y, x, y]))

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
+import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.features import Features
+from iphyre_jax.envs.host_views import HostViews
 from iphyre_jax.envs.protocols import Protocol
-from iphyre_jax.envs.status import status_words
+from iphyre_jax.envs.status import FAULT, STEP, SUCCESS, status_words
 from iphyre_jax.envs.step_program import BEGIN, EnvStep, scene_layout
 from iphyre_jax.execution.client import OnClient, aligned, aligned_copy
 from iphyre_jax.execution.executables import executable, prepare
+from iphyre_jax.execution.layout import Layout
 from iphyre_jax.execution.programs import clock
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.scenes.build import timing
@@ -27,7 +31,6 @@ LAID_OUT_KEPT: Final = 64  # scenes of tasks, some hundred kilobytes each
 
 Ints = npt.NDArray[np.signedinteger[Any]]
 Rows = npt.NDArray[np.intp] | slice
-STEP, SUCCESS, FAULT = 1, 2, 5  # words of a packed status
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +48,16 @@ class _Task:
 
 
 class _Table:
-    """A set of scenes: sorted, cut to their own words, and as they begin."""
+    """A set of scenes: sorted, cut to their own words, what is seen of them, and as they begin."""
 
-    def __init__(self, key: bytes, scenes: Ints, kind: Ints, programs: Sequence[EnvStep]) -> None:
-        self.key, self.kind = key, np.array(kind)
+    def __init__(self, key: bytes, scenes: Ints, kind: Ints, programs: Sequence[EnvStep], views: HostViews) -> None:
+        self.key, self.kind, self.views = key, np.array(kind), views
         self.kinds = np.unique(kind).tolist()
         rank = np.empty(len(kind), np.uint16 if len(kind) < 2**16 else np.int64)
         rank[np.argsort(kind, kind="stable")] = np.arange(len(kind))
         self.rank = rank  # place of each game among all, sorted by topology
-        layouts = [scene_layout(program.topology, program.limits, program.dtype) for program in programs]
-        self.scenes = [np.ascontiguousarray(scenes[:, ID_WORDS : ID_WORDS + layout.rows]) for layout in layouts]
+        layouts = [scene_layout(program.topology, program.dtype) for program in programs]
+        self.scenes = [np.ascontiguousarray(scenes[:, : layout.rows]) for layout in layouts]
         self.words: Ints = np.zeros(0, scenes.dtype)  # (games, words) of each game before its first step
         self.seen: npt.NDArray[Any] = np.zeros(0)  # what is seen of it
 
@@ -65,15 +68,25 @@ class HostStep:
     Args:
         programs: one for each topology, the same but for that.
         protocol: timing of the episodes.
+        features: layout of `Features` in the words of a scene.
+        view: makes the `HostViews` of a table from its features.
     """
 
-    def __init__(self, programs: Sequence[EnvStep], protocol: Protocol) -> None:
+    def __init__(
+        self,
+        programs: Sequence[EnvStep],
+        protocol: Protocol,
+        features: Layout,
+        view: Callable[[Features], HostViews],
+    ) -> None:
         self.programs = tuple(programs)
-        self.blocks = programs[0].limits.blocks
-        self.status = status_words(self.blocks)
+        self.slots = programs[0].slots
+        self.status = status_words(self.slots)
         self.row = max(program.row for program in programs)
+        self._shown = max(program.shown for program in programs)
+        self._features, self._view = features, view
         self._steps = protocol.steps
-        self._counts = OnClient(np.array([protocol.steps, 1], np.int32))
+        self._once = OnClient(np.ones(1, np.int32))
         self._clock = OnClient(clock(timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, _Table] = OrderedDict()
         self._laid_out: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
@@ -114,12 +127,14 @@ class HostStep:
         """
         table, (words, seen, status) = self._table(scenes, kind), out
         tasks = self._tasks(table, episodes[:, 0])
-        work = partial(self._run, table, episodes, orders, (words, seen))
+        shown = np.zeros((len(words), self._shown), np.float32)
+        work = partial(self._run, table, episodes, orders, (words, shown))
         if len(tasks) == 1:
             work(tasks[0])
         else:
             run_all(work, tasks)
         status[:] = words[:, : self.status]
+        self._see(table, status, shown, seen)
         if final is not None:
             final[0][:], final[1][:] = words, seen
         done = (status[:, SUCCESS] != 0) | (status[:, FAULT] != 0) | (status[:, STEP] >= self._steps)
@@ -135,7 +150,10 @@ class HostStep:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
-        table = _Table(key, scenes, kind, self.programs)
+        features = self._features.unpack_numpy(scenes[:, ID_WORDS : ID_WORDS + self._features.rows].T)
+        features = jax.tree.map(lambda leaf: np.moveaxis(leaf, -1, 0), features)
+        own = scenes[:, ID_WORDS + self._features.rows :]
+        table = _Table(key, own, kind, self.programs, self._view(features))
         self._set_starts(table)
         with self._lock:
             self._tables[key] = table
@@ -146,15 +164,20 @@ class HostStep:
     def _set_starts(self, table: _Table) -> None:
         """Find out how each game begins."""
         games = np.arange(len(table.kind))
-        orders = np.full((len(games), 2 * self.blocks + 1), -1, table.scenes[0].dtype)
-        orders[:, self.blocks], orders[:, self.blocks + 1 :] = BEGIN, 0
+        orders = np.full((len(games), 2 * self.slots + 1), -1, table.scenes[0].dtype)
+        orders[:, self.slots], orders[:, self.slots + 1 :] = BEGIN, 0
         episodes = np.zeros((len(games), self.row), table.scenes[0].dtype)
         episodes[:, 0] = games
-        seen = np.zeros((len(games), self.programs[0].seen), np.float32)
-        words = np.zeros_like(episodes)
+        shown = np.zeros((len(games), self._shown), np.float32)
+        words, seen = np.zeros_like(episodes), np.zeros((len(games), table.views.size), np.float32)
         for task in self._tasks(table, games):
-            self._run(table, episodes, orders, (words, seen), task)
+            self._run(table, episodes, orders, (words, shown), task)
+        self._see(table, words[:, : self.status], shown, seen)
         table.words, table.seen = words, seen
+
+    def _see(self, table: _Table, status: Ints, shown: npt.NDArray[np.float32], seen: npt.NDArray[np.float32]) -> None:
+        """Fill in what is seen of episodes; status: (B, status words)."""
+        table.views.write(seen, status, shown, self._steps)
 
     def _tasks(self, table: _Table, game: Ints) -> list[_Task]:
         """Sort worlds by topology and game, and cut them into tasks; those of most moving bodies come first."""
@@ -190,15 +213,14 @@ class HostStep:
         _copy_rows(worlds[:count, row:], orders, None, task.rows)
         if count < program.lanes:  # spare lanes repeat the last world and wait
             worlds[count:] = worlds[count - 1]
-            worlds[count:, row + self.blocks] = worlds[count - 1, STEP]
-        after = executable(program)(self._scenes(table, task), worlds, self._clock, self._counts)[0]
+            worlds[count:, row + self.slots] = worlds[count - 1, STEP]
+        after = executable(program)(self._scenes(table, task), worlds, self._clock, self._once)[0]
         _copy_rows(out[0][:, :row], after[:count, :row], task.rows, None)
         if row < width:
             out[0][task.rows, row:] = 0
-        seen = after[:count, row:]
-        _copy_rows(
-            out[1], seen.view(np.float32) if seen.itemsize == out[1].itemsize else _floats(seen), task.rows, None
-        )
+        bits = after[:count, row:]
+        numbers = bits.view(np.float32) if bits.itemsize == 4 else bits.astype(np.int32).view(np.float32)
+        _copy_rows(out[1][:, : program.shown], numbers, task.rows, None)
 
     def _scratch(self, kind: int) -> Ints:
         """Return this thread's table of worlds for the calls of a program."""
@@ -240,7 +262,3 @@ def _copy_rows(to: npt.NDArray[Any], source: npt.NDArray[Any], to_rows: Rows | N
 def _pieces(table: npt.NDArray[Any]) -> npt.NDArray[np.void]:
     """Return a table's rows as single values."""
     return table.view(np.dtype((np.void, table.shape[1] * table.itemsize)))[:, 0]
-
-
-def _floats(bits: Ints) -> npt.NDArray[np.float32]:
-    return np.ascontiguousarray(bits.astype(np.int32)).view(np.float32)

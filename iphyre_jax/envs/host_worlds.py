@@ -9,28 +9,29 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
-from math import prod
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 from jax.experimental.buffer_callback import buffer_callback
 
-from iphyre_jax.envs.features import Features, Pose, objects_there, own_features, scene_tables, without_rows
+from iphyre_jax.envs.features import Features, Pose, objects_there, own_features, scene_tables
+from iphyre_jax.envs.host_calls import begin_episodes, play_episodes
 from iphyre_jax.envs.host_step import ID_WORDS, HostStep
-from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.host_views import HostViews
+from iphyre_jax.envs.observations import ObservationName, observation_size
 from iphyre_jax.envs.params import EnvParams, EnvState, Played
 from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.status import Status, status_words, unpack_status
 from iphyre_jax.envs.step_program import EnvStep, scene_layout
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
-from iphyre_jax.execution.layout import WORD, Words
+from iphyre_jax.execution.layout import WORD, Layout, Words
 from iphyre_jax.execution.programs import progress_layout
+from iphyre_jax.observe import COLUMNS
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
@@ -85,36 +86,46 @@ class HostWorlds:
         """Return scenes as parameters."""
         built = [cached_world(scene, self.protocol.resets, self.dtype) for scene in scenes]
         kind = [self.topologies.index(topology) for topology, _ in built]
-        rows = [self._row(scene, *pair) for scene, pair in zip(scenes, built, strict=True)]
+        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
+        rows = [self._row(*pair, own) for pair, own in zip(built, features, strict=True)]
         table = np.zeros((len(rows), max(map(len, rows))), WORD[self.dtype])
         for k, row in enumerate(rows):
             table[k, : len(row)] = row
-        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
         with jax.enable_x64(self.dtype == "float64"):
             stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *features)
             return HostParams(jnp.asarray(table), jnp.asarray(kind, jnp.int32), stacked)
 
-    def _row(self, scene: Scene, topology: Topology, world: Any) -> Words:  # noqa: ANN401 - a `World` of NumPy arrays
+    def _row(self, topology: Topology, world: Any, features: Features) -> Words:  # noqa: ANN401 - NumPy arrays
         """Return the words of a scene, its id in front."""
-        layout = scene_layout(topology, self.limits, self.dtype)
-        features = without_rows(scene_tables(scene, [topology], self.dtype), self.dtype)
-        words = layout.pack_many([(world, features)])[:, 0]
-        digest = hashlib.sha256(repr((topology, self.limits)).encode() + words.tobytes()).digest()
+        bars = np.asarray(features.ends)[: topology.bars]
+        words = scene_layout(topology, self.dtype).pack_many([(world, bars)])[:, 0]
+        seen = self.features.pack_many([_numbers(features, self.dtype)])[:, 0]
+        digest = hashlib.sha256(repr((topology, self.limits)).encode() + seen.tobytes() + words.tobytes()).digest()
         own = np.frombuffer(digest[: 4 * ID_WORDS], np.int32).astype(words.dtype)
-        return np.concatenate([own, words])
+        return np.concatenate([own, seen, words])
+
+    @property
+    def features(self) -> Layout:
+        """Layout of the features of a scene, filled up to the largest topology, in its words."""
+        return _feature_layout(self.topologies, self.limits, self.dtype)
 
     def alone(self, params: HostParams, game: int) -> HostParams:
         """Return the parameters of one game, for worlds of its topology alone (host)."""
         topology = self.topologies[int(params.kind[game])]
-        width = ID_WORDS + scene_layout(topology, self.limits, self.dtype).rows
+        first = ID_WORDS + self.features.rows
+        layout = scene_layout(topology, self.dtype)
+        words = np.asarray(params.scenes)[game, first : first + layout.rows]
+        world = jax.tree.map(lambda leaf: leaf[..., 0], layout.unpack_numpy(words[:, None]))[0]
+        one = replace(self, topologies=(topology,))
         with jax.enable_x64(self.dtype == "float64"):
-            scenes = jnp.asarray(np.asarray(params.scenes)[game : game + 1, :width])
-            features = own_features(jax.tree.map(lambda leaf: leaf[game], params.features), topology)
-            return HostParams(scenes, jnp.zeros(1, jnp.int32), jax.tree.map(lambda leaf: leaf[None], features))
+            features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
+            row = one._row(topology, world, features)
+            stacked = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], features)
+            return HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked)
 
     def begin(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return what is seen, and the state, of an episode before its first step."""
-        words, seen = self._call(_begin, ["words", "seen"], params, game)
+        words, seen = self._call(begin_episodes, ["words", "seen"], params, game)
         return seen, HostState(words)
 
     def play(
@@ -129,7 +140,7 @@ class HostWorlds:
         """Play on; see `params.Worlds`."""
         orders = jnp.concatenate([plan, until[None], executed]).astype(WORD[self.dtype])
         results = ["words", "seen", "status", *(["words", "seen"] if self.keep_last else [])]
-        words, seen, status, *last = self._call(_play, results, params, state.words, orders, next_game)
+        words, seen, status, *last = self._call(play_episodes, results, params, state.words, orders, next_game)
         last_state, last_seen = (HostState(last[0]), last[1]) if last else (None, None)
         return Played(HostState(words), seen, unpack_status(status), last_state, last_seen)
 
@@ -170,72 +181,55 @@ class HostWorlds:
         """Call the host inside a program; under `jax.vmap` once for the whole batch."""
         host = _host(self)
         host.prepare()  # now, while the program is traced: an interrupt ends it here
-        word, program = WORD[self.dtype], host.programs[0]
+        word = WORD[self.dtype]
         shapes = {
             "words": jax.ShapeDtypeStruct((host.row,), word),
-            "seen": jax.ShapeDtypeStruct((program.seen,), np.float32),
+            "seen": jax.ShapeDtypeStruct((self._seen(),), np.float32),
             "status": jax.ShapeDtypeStruct((host.status,), word),
         }
         call = buffer_callback(partial(callback, host), [shapes[name] for name in results], vmap_method="expand_dims")
         out: list[jax.Array] = call(params.scenes, params.kind, *own)
         return out
 
+    def _seen(self) -> int:
+        """Return how many numbers an observation has."""
+        return observation_size(self.observation, self.limits.objects, self.limits.blocks + self.no_op)
+
 
 @cache
 def _host(worlds: HostWorlds) -> HostStep:
     """Return what plays the worlds."""
-    seen: ObservationName = "official" if worlds.observation == "image" else worlds.observation
-    programs = [
-        EnvStep(t, worlds.dtype, lanes_of(t, worlds.dtype), seen, worlds.limits, worlds.no_op)
-        for t in worlds.topologies
-    ]
-    return HostStep(programs, worlds.protocol)
+    dtype, slots = worlds.dtype, worlds.limits.blocks
+    programs = [EnvStep(t, dtype, lanes_of(t, dtype), slots) for t in worlds.topologies]
+    view = partial(HostViews, observation=worlds.observation, no_op=worlds.no_op)
+    return HostStep(programs, worlds.protocol, worlds.features, view)
 
 
-def _begin(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Fill in the beginnings of episodes; arguments are buffers, each with the batch's axes or ones in front."""
-    words, seen = _flat(out)
-    batch = np.asarray(out[0]).shape[:-1]
-    scenes, kind, first = _tables(given, batch)
-    game: Words = np.broadcast_to(np.asarray(given[2]), batch).reshape(-1)
-    words[:], seen[:] = host.begin(scenes, kind, game + first)
-    words[:, 0] = game
+@cache
+def _feature_layout(topologies: tuple[Topology, ...], limits: Limits, dtype: str) -> Layout:
+    """Return the layout of `_numbers` of scenes of some topologies."""
+
+    def most(count: Callable[[Topology], int]) -> int:
+        return max(map(count, topologies))
+
+    def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
+        return jax.ShapeDtypeStruct(shape, kind)
+
+    objects, blocks, bars = limits.objects, limits.blocks, most(lambda topology: topology.bars)
+    features = Features(
+        rows=None,
+        seen=array(objects, COLUMNS),
+        mover=array(most(lambda topology: topology.moving), kind="int32"),
+        ends=array(bars, 2, 2),
+        slot_object=array(blocks, kind="int32"),
+        joints=array(most(lambda topology: len(topology.pins)), objects, kind="bool"),
+        springs=array(most(lambda topology: len(topology.springs)), objects, kind="bool"),
+        candidates=array(blocks, 2),
+    )
+    return Layout.of(features, dtype)
 
 
-def _play(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Fill in what comes of one decision of each episode; arguments as of `_begin`."""
-    words, seen, status, *last = _flat(out)
-    batch = np.asarray(out[0]).shape[:-1]
-    scenes, kind, first = _tables(given, batch)
-    episodes, orders = (_rows(part, batch) for part in given[2:4])
-    next_game = np.broadcast_to(np.asarray(given[4]), batch).reshape(-1)
-    if np.ndim(first):  # each world has games of its own
-        episodes = episodes.copy()
-        episodes[:, 0] += first
-        next_game = np.where(next_game < 0, next_game, next_game + first)
-    host.play(scenes, kind, episodes, orders, next_game, (words, seen, status), (last[0], last[1]) if last else None)
-    if np.ndim(first):
-        for rows in (words, status, *last[:1]):
-            rows[:, 0] -= first
-
-
-def _flat(buffers: Sequence[object]) -> list[npt.NDArray[Any]]:
-    """Return buffers as arrays with one axis for the batch."""
-    return [array.reshape(-1, array.shape[-1]) for array in map(np.asarray, buffers)]
-
-
-def _rows(buffer: object, batch: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Return a buffer of rows as an array with one axis for the batch."""
-    array = np.asarray(buffer)
-    return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
-
-
-def _tables(given: Sequence[object], batch: tuple[int, ...]) -> tuple[Words, Words, int | npt.NDArray[np.intp]]:
-    """Return scenes and kinds as one table, and the row at which the games of each world begin."""
-    scenes, kind = np.asarray(given[0]), np.asarray(given[1])
-    games, axes = kind.shape[-1], kind.shape[:-1]
-    tables = scenes.reshape(-1, scenes.shape[-1]), kind.reshape(-1)
-    if prod(axes) <= 1:
-        return *tables, 0
-    first = games * np.arange(prod(axes)).reshape(axes)
-    return *tables, np.broadcast_to(first, batch).reshape(-1)
+def _numbers(features: Features, dtype: str) -> Features:
+    """Return features (NumPy) with all numbers of one dtype, without those that only pictures need."""
+    numbers: dict[str, Any] = {name: np.asarray(getattr(features, name), dtype) for name in ("seen", "candidates")}
+    return replace(features, rows=None, **numbers)

@@ -37,9 +37,12 @@ def standing(world: World, progress: Progress, slots: int) -> jax.Array:
     return jnp.stack(here)
 
 
+GAME, STEP, SUCCESS, FAULT, STANDING = 0, 1, 2, 5, 6  # where a packed status has them
+
+
 def status_words(slots: int) -> int:
     """Return how many words a packed status has."""
-    return 6 + 2 * slots
+    return STANDING + 2 * slots
 
 
 def status_rows(status: Status) -> list[jax.Array]:
@@ -49,8 +52,8 @@ def status_rows(status: Status) -> list[jax.Array]:
 
 def unpack_status(words: jax.Array) -> Status:
     """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
-    slots = (words.shape[0] - 6) // 2
-    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(6))
+    slots = (words.shape[0] - STANDING) // 2
+    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(STANDING))
     return Status(
         game, step, success != 0, steps, eliminations, fault, words[6 : 6 + slots] != 0, words[6 + slots :] != 0
     )

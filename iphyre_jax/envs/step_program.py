@@ -14,24 +14,23 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax import rollouts
-from iphyre_jax.envs.features import Features, feature_shapes
-from iphyre_jax.envs.observations import ObservationName, observation_size, observe
+from iphyre_jax.envs.features import Pose, seen_ends, speeds
 from iphyre_jax.envs.status import status_of, status_rows, status_words
 from iphyre_jax.envs.stretches import Stretch, play_lanes
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.layout import WORD, Layout
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rollouts import Progress
-from iphyre_jax.scenes import Limits
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
 
 BLOCK: Final = 48  # rows that are turned over at a time: as many lines as the first cache holds of rows 512 bytes apart
+SHOWN: Final = 7  # numbers of what is seen of a moving body
 BEGIN: Final = -1  # in place of a step to play to: the episode begins, and nothing is played
 
 
 @lru_cache(1024)
-def scene_layout(topology: Topology, limits: Limits, dtype: str) -> Layout:
-    """Return the layout of a scene: its world and its features."""
-    tree = World.shapes(topology, dtype), feature_shapes(topology, limits, dtype)
+def scene_layout(topology: Topology, dtype: str) -> Layout:
+    """Return the layout of a scene: its world, and `Features.ends`."""
+    tree = World.shapes(topology, dtype), jax.ShapeDtypeStruct((topology.bars, 2, 2), dtype)
     return Layout.of(tree, dtype)
 
 
@@ -43,72 +42,65 @@ class EnvStep:
         topology: of the worlds.
         dtype: of the physics.
         lanes: worlds side by side.
-        observation: "official" or "motion", see `observations`.
-        limits: rows of the official table, slots of a plan.
-        no_op: whether a candidate that does nothing stands before the blocks'.
+        slots: of a plan.
     """
 
     sources: ClassVar[tuple[str, ...]] = (
         *programs.SOURCES,
-        *(f"envs/{name}.py" for name in ("step_program", "status", "features", "observations", "stretches")),
+        *(f"envs/{name}.py" for name in ("step_program", "status", "features", "stretches")),
     )
 
     topology: Topology
     dtype: str
     lanes: int
-    observation: ObservationName
-    limits: Limits
-    no_op: bool
+    slots: int
 
     @property
     def row(self) -> int:
         """Words of an episode."""
-        return status_words(self.limits.blocks) + programs.progress_layout(self.topology, self.dtype).rows
+        return status_words(self.slots) + programs.progress_layout(self.topology, self.dtype).rows
 
     @property
-    def seen(self) -> int:
-        """Numbers of an observation."""
-        candidates = self.limits.blocks + self.no_op
-        return observation_size(self.observation, self.limits.objects, candidates)
+    def shown(self) -> int:
+        """Numbers that tell what is seen of the moving bodies: `seen_ends` and `speeds` of each."""
+        return SHOWN * self.topology.moving
 
     @property
     def order(self) -> int:
         """Words of what a world is to do: a plan, the step to play to or BEGIN, and the slots executed then."""
-        return 2 * self.limits.blocks + 1
+        return 2 * self.slots + 1
 
     def arguments(self) -> programs.Shapes:
-        """Return the shapes of scenes (words, lanes), worlds (lanes, row + order), clock, and counts (2,).
+        """Return the shapes of scenes (words, lanes), worlds (lanes, row + order), clock, and once (1,), which is 1.
 
-        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its order. The counts are the
-        steps of a whole episode, and 1.
+        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its order.
         """
-        scene = scene_layout(self.topology, self.limits, self.dtype)
+        scene = scene_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
             jax.ShapeDtypeStruct((self.lanes, self.row + self.order), scene.word),
             jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
-            jax.ShapeDtypeStruct((2,), "int32"),
+            jax.ShapeDtypeStruct((1,), "int32"),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return episodes as they are then, and the bits of their observations, (lanes, row + seen)."""
-        scenes, worlds, numbers, counts = arguments
-        steps, once = counts[0], counts[1]
+        """Return episodes as they are then, and the bits of what is seen of their bodies, (lanes, row + shown)."""
+        scenes, worlds, numbers, once = arguments
         timing = programs.timing_of(numbers)
 
         def play(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
-            world, features = scene_layout(self.topology, self.limits, self.dtype).unpack(scenes)
-            tables = self._play(world, features, worlds.T, timing, steps, once)
-            return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.seen), worlds.dtype))
+            world, ends = scene_layout(self.topology, self.dtype).unpack(scenes)
+            tables = self._play(world, ends, worlds.T, timing, once)
+            return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.shown), worlds.dtype))
 
-        like = jax.ShapeDtypeStruct((self.lanes, self.row + self.seen), worlds.dtype)
-        return (programs.in_one_function(play, (scenes, worlds), like, once),)
+        like = jax.ShapeDtypeStruct((self.lanes, self.row + self.shown), worlds.dtype)
+        return (programs.in_one_function(play, (scenes, worlds), like, once[0]),)
 
     def _play(
-        self, world: World, features: Features, worlds: jax.Array, timing: Timing, steps: jax.Array, once: jax.Array
+        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, once: jax.Array
     ) -> tuple[jax.Array, ...]:
         """Return words and numbers of the episodes, and parts of what is seen of them; all have lanes behind."""
-        blocks, first = self.limits.blocks, status_words(self.limits.blocks)
+        blocks, first = self.slots, status_words(self.slots)
         layout = programs.progress_layout(self.topology, self.dtype)
         episodes, orders = worlds[: self.row], worlds[self.row :].astype(jnp.int32)
         plan, until, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
@@ -122,12 +114,16 @@ class EnvStep:
             whole, numbers = layout.parts(progress)
             # Many rows: of a few arrays the compiler would choose one for each number.
             words = jnp.concatenate([*(row.astype(worlds.dtype)[None] for row in status_rows(status)), whole])
-            seen = observe(self.observation, features, status.standing, progress, steps, no_op=self.no_op)
-            return words, numbers, *seen
+            sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
+            position = progress.state.position
+            pose = Pose(position.x, position.y, progress.state.angle, status.standing, sound)
+            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(progress), strict=True)]
+            rows = jnp.concatenate(shown)
+            return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
 
         # In a branch of its own, always taken: else it is made number by number while it is turned over.
         blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
-        return jax.lax.cond(once == 1, tables, lambda: tuple(blank))
+        return jax.lax.cond(once[0] == 1, tables, lambda: tuple(blank))
 
 
 def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:

@@ -18,7 +18,7 @@ from typing import Any, Final
 import jax
 
 from iphyre_jax.execution.cache_folder import write_entry
-from iphyre_jax.execution.description import from_description
+from iphyre_jax.execution.description import from_description, source_sum
 from iphyre_jax.execution.programs import Program
 
 IDLE_SECONDS: Final = 60.0
@@ -36,7 +36,10 @@ def compiled(program: Program) -> bytes:
 def _answer(line: str) -> dict[str, Any]:
     try:
         request = json.loads(line)
-        write_entry(Path(request["path"]), request["key"], compiled(from_description(request["program"])))
+        program = from_description(request["program"])
+        if source_sum(program.sources) != request["key"]["source"]:
+            return {"error": "the package's files have changed since this process started"}
+        write_entry(Path(request["path"]), request["key"], compiled(program))
     except Exception as error:  # whatever it is, the process that asked must hear of it
         return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
     return {}

@@ -6,7 +6,10 @@ A description is data: nothing in it is run, and only dataclasses of this packag
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 PACKAGE = __name__.partition(".")[0]
@@ -42,3 +45,14 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
     if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
         raise ValueError(f"class: expected a dataclass of {PACKAGE}, got {description.get('class')!r}")
     return kind(**{name: from_description(part) for name, part in description.items() if name != "class"})
+
+
+@cache
+def source_sum(parts: tuple[str, ...]) -> str:
+    """Return a sum over files and folders of the package, so that no program of another version is ever used."""
+    root = Path(__file__).parents[1]
+    total = hashlib.sha256()
+    for part in parts:
+        for path in sorted((root / part).rglob("*.py")) if (root / part).is_dir() else [root / part]:
+            total.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return total.hexdigest()

@@ -25,7 +25,7 @@ from iphyre_jax.execution import cache_folder, configuration
 from iphyre_jax.execution.client import Arrays, Executable, OnClient
 from iphyre_jax.execution.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compiler_options import options_for
-from iphyre_jax.execution.description import describe
+from iphyre_jax.execution.description import describe, source_sum
 from iphyre_jax.execution.programs import Program
 
 Run = Callable[..., Arrays]
@@ -134,24 +134,13 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
     """Return path and key of a program's entry: all that decides which machine code is right."""
     key = {
         "program": describe(program),
-        "source": _source_sum(program.sources),
+        "source": source_sum(program.sources),
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
         "options": dict(options_for(program.lanes)),
         "machine": _machine(),
     }
     return cache_folder.entry_path(folder, key), key
-
-
-@cache
-def _source_sum(parts: tuple[str, ...]) -> str:
-    """Return a sum over files and folders of the package, so that no program of another version is ever used."""
-    root = Path(__file__).parents[1]
-    total = hashlib.sha256()
-    for part in parts:
-        for path in sorted((root / part).rglob("*.py")) if (root / part).is_dir() else [root / part]:
-            total.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return total.hexdigest()
 
 
 @cache

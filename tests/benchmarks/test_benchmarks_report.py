@@ -38,7 +38,8 @@ def results() -> report.Results:
     ]
     found.growths = [growth.Growth("objects", 3, measurement(FLOAT32, "shelf", (1.0,)))]
     turns = {"simulate": [(1.0, 2.0)] * 2, "reads": [(1.0, 2.5)] * 2, "keeps": [(4.0, 8.0)] * 2}
-    found.decisions = [Deciding("hole", 10, 1280, 2_000_000, 1.0, turns)]
+    turns["scan"] = [(2.0, 4.0)] * 2
+    found.decisions = [Deciding("hole", 10, 1024, dict.fromkeys(turns, 2_000_000), 1.0, turns, 0.8)]
     found.bytes_a_world = {"hole": {dtype: scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64")}}
     return found
 
