@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Final
 
 import jax
@@ -26,6 +27,7 @@ from iphyre_jax.execution.threads import run_all
 from iphyre_jax.scenes.build import timing
 
 ID_WORDS: Final = 2  # in front of a scene's words: tells its content from any other
+SHORT: Final = 0.3e-3  # s, a task that is not worth a thread's waking
 TABLES_KEPT: Final = 16  # sets of scenes
 LAID_OUT_KEPT: Final = 64  # scenes of tasks, some hundred kilobytes each
 
@@ -90,6 +92,7 @@ class HostStep:
         self._clock = OnClient(clock(timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, _Table] = OrderedDict()
         self._laid_out: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
+        self._task_seconds = 0.0  # processor time of a task, the mean of the last decision's
         self._lock = threading.Lock()
         self._local = threading.local()
 
@@ -128,11 +131,7 @@ class HostStep:
         table, (words, seen, status) = self._table(scenes, kind), out
         tasks = self._tasks(table, episodes[:, 0])
         shown = np.zeros((len(words), self._shown), np.float32)
-        work = partial(self._run, table, episodes, orders, (words, shown))
-        if len(tasks) == 1:
-            work(tasks[0])
-        else:
-            run_all(work, tasks)
+        self._run_tasks(partial(self._run, table, episodes, orders, (words, shown)), tasks)
         status[:] = words[:, : self.status]
         self._see(table, status, shown, seen)
         if final is not None:
@@ -143,6 +142,18 @@ class HostStep:
             games = next_game[ended]
             words[ended], seen[ended] = table.words[games], table.seen[games]
             words[ended, 0] = games
+
+    def _run_tasks(self, work: Callable[[_Task], None], tasks: Sequence[_Task]) -> None:
+        """Run tasks: long ones on all threads, short ones here, for waking a thread takes longer than they do."""
+
+        def timed(task: _Task) -> float:
+            began = time.thread_time()
+            work(task)
+            return time.thread_time() - began
+
+        are_short = self._task_seconds < SHORT or len(tasks) == 1
+        seconds = [timed(task) for task in tasks] if are_short else run_all(timed, tasks)
+        self._task_seconds = sum(seconds) / len(seconds)
 
     def _table(self, scenes: Ints, kind: Ints) -> _Table:
         key = scenes[:, :ID_WORDS].tobytes() + kind.tobytes()
@@ -209,18 +220,19 @@ class HostStep:
         program, count = self.programs[task.kind], len(task.games)
         row, width = program.row, self.row
         worlds = self._scratch(task.kind)
-        _copy_rows(worlds[:count, :row], episodes[:, :row], None, task.rows)
-        _copy_rows(worlds[:count, row:], orders, None, task.rows)
+        _pieces(worlds, 0, row)[:count] = _pieces(episodes, 0, row)[task.rows]
+        _pieces(worlds, row, program.order)[:count] = _pieces(orders, 0, program.order)[task.rows]
         if count < program.lanes:  # spare lanes repeat the last world and wait
             worlds[count:] = worlds[count - 1]
             worlds[count:, row + self.slots] = worlds[count - 1, STEP]
         after = executable(program)(self._scenes(table, task), worlds, self._clock, self._once)[0]
-        _copy_rows(out[0][:, :row], after[:count, :row], task.rows, None)
+        _pieces(out[0], 0, row)[task.rows] = _pieces(after, 0, row)[:count]
         if row < width:
             out[0][task.rows, row:] = 0
-        bits = after[:count, row:]
-        numbers = bits.view(np.float32) if bits.itemsize == 4 else bits.astype(np.int32).view(np.float32)
-        _copy_rows(out[1][:, : program.shown], numbers, task.rows, None)
+        if after.itemsize == 4:
+            _pieces(out[1], 0, program.shown)[task.rows] = _pieces(after, row, program.shown)[:count]
+        else:
+            out[1][task.rows, : program.shown] = after[:count, row:].astype(np.int32).view(np.float32)
 
     def _scratch(self, kind: int) -> Ints:
         """Return this thread's table of worlds for the calls of a program."""
@@ -237,7 +249,7 @@ class HostStep:
         place, games = (table.key, task.kind, task.number), task.padded(lanes)
         with self._lock:
             there, laid, given = self._laid_out.get(place, (None, None, None))
-        if there is None or laid is None or given is None or not np.array_equal(there, games):
+        if there is None or laid is None or given is None or (there != games).any():
             # A new array, for another thread may be reading the old one.
             changed = np.arange(lanes) if there is None else np.flatnonzero(there != games)
             laid = aligned((words.shape[1], lanes), words.dtype) if laid is None else aligned_copy(laid)
@@ -253,12 +265,12 @@ class HostStep:
                 self._laid_out.popitem(last=False)
 
 
-def _copy_rows(to: npt.NDArray[Any], source: npt.NDArray[Any], to_rows: Rows | None, source_rows: Rows | None) -> None:
-    """Copy rows of one table to rows of another, each row as one piece of memory; None for all rows in order."""
-    one, other = (_pieces(table) for table in (to, source))
-    one[slice(None) if to_rows is None else to_rows] = other if source_rows is None else other[source_rows]
+def _pieces(table: npt.NDArray[Any], first: int, width: int) -> npt.NDArray[np.void]:
+    """Return some columns of a table of contiguous rows, each row's as a single value, to be copied as one."""
+    size = table.itemsize
+    return np.ndarray((len(table),), _void(width * size), table, first * size, (table.strides[0],))
 
 
-def _pieces(table: npt.NDArray[Any]) -> npt.NDArray[np.void]:
-    """Return a table's rows as single values."""
-    return table.view(np.dtype((np.void, table.shape[1] * table.itemsize)))[:, 0]
+@cache
+def _void(size: int) -> np.dtype[np.void]:
+    return np.dtype((np.void, size))
