@@ -26,7 +26,6 @@ def main() -> None:
     parser.add_argument("--plans", type=int, default=2048)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    iphyre_jax.configure()
     known = _known()
     for game in options.games:
         best = search(iphyre_jax.load_scene(game), plans=options.plans, seed=options.seed)

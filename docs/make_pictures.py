@@ -17,7 +17,6 @@ MAX_BYTES = 400_000  # of one file: they are in the repository
 
 def main() -> None:
     """Write a film of a solved game, the contact sheet of the forty games, and how the best plans known end."""
-    iphyre_jax.configure()
     FOLDER.mkdir(exist_ok=True)
     save(FOLDER / "solved.gif", best_plays()[SOLVED].record(), Look(size=300, trails=True), hold=2)
     starts = [start_of(iphyre_jax.load_scene(game)) for game in iphyre_jax.GAMES]

@@ -162,5 +162,4 @@ def plain(value: object) -> object:
 
 
 if __name__ == "__main__":
-    iphyre_jax.configure()  # what is compared is what the command line runs; the workers inherit the compiler options
     sys.exit(main())

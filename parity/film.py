@@ -34,7 +34,6 @@ def main() -> None:
     parser.add_argument("--resets", type=int, default=1)
     parser.add_argument("-o", "--out", type=Path, default=Path("both.mp4"))
     options = parser.parse_args()
-    iphyre_jax.configure()
     scene = iphyre_jax.load_scene(options.scene)
     plan = plan_to_steps(seconds_of(options.plan, scene), options.fps, "simulate")[0].tolist()
     plays = both(scene, plan, options.fps, options.dtype, options.resets)

@@ -14,7 +14,6 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-import iphyre_jax
 from iphyre_jax import Scene
 from parity.__main__ import PLAYS_A_TASK, REPORT_WIDTH, Rate, plain
 from parity.compare import PlanComparison
@@ -219,5 +218,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    iphyre_jax.configure()
     sys.exit(main())

@@ -23,6 +23,7 @@ PARTS = (
     "plans",
     "observe",
     "execution",
+    "prefixes",
     "simulation",
     "env",
     "drawing",

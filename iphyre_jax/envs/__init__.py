@@ -5,7 +5,7 @@ from iphyre_jax.envs.evaluation import Scores, evaluate
 from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.registry import environment_ids, make, register
 from iphyre_jax.envs.spaces import Box, Discrete
-from iphyre_jax.envs.unrolling import Batch, Steps, unroll
+from iphyre_jax.envs.unrolling import Batch, Steps, unroll, unroll_on_threads
 
 __all__ = [
     "Batch",
@@ -21,4 +21,5 @@ __all__ = [
     "make",
     "register",
     "unroll",
+    "unroll_on_threads",
 ]

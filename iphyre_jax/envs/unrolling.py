@@ -14,6 +14,7 @@ It is a `jax.lax.scan` over `Environment.play` in which each world keeps its gam
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -132,3 +133,12 @@ def unroll(
 
     (state, seen), steps = jax.lax.scan(decide, (batch.state, batch.seen), jnp.arange(decisions, dtype=jnp.int32))
     return replace(batch, state=state, seen=seen), steps
+
+
+def unroll_on_threads(
+    environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
+) -> tuple[Batch, Steps]:
+    """Do what `unroll` does; deprecated, for `unroll` plays on all threads by itself."""
+    warnings.warn("unroll_on_threads: use unroll, which plays on all threads", DeprecationWarning, stacklevel=2)
+    with jax.enable_x64(environment.dtype == "float64"):
+        return unroll(environment, policy, weights, batch, key, decisions=decisions)

@@ -3,8 +3,7 @@
 A transition spans up to n decisions: what was seen, what was chosen, what was paid until then, and what is seen next
 with the discount that its value bears, 0 behind the end of an episode.
 
-The ring is our own: under the compiler options of `configure`, jaxlib 0.10.2 aborts on the scatter by which flashbax
-0.1.3 adds to its buffers; a round of a fixed number of rows needs none.
+The ring is our own: a round has a fixed number of rows, so a slice written at the ring's place does.
 
 Shapes: T decisions, B episodes, N transitions in a batch, D numbers in an observation.
 """

@@ -13,8 +13,6 @@ import iphyre_jax
 from iphyre_jax.adapters import register_gymnasium
 
 ALL = bool(os.environ.get("IPHYRE_JAX_CHECK_ALL"))
-if ALL:
-    iphyre_jax.configure()
 SAMPLE = tuple(f"iphyre/{strategy}-support-v1" for strategy in ("in-advance", "on-the-fly", "combined"))
 
 

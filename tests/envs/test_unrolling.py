@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.envs import Batch, Steps, unroll
+from iphyre_jax.envs import Batch, Steps, unroll, unroll_on_threads
 
 COUNTERS = ("success", "fault", "eliminations", "time")
 
@@ -73,6 +73,9 @@ def test_a_mixture_on_the_fly_is_played_as_step_plays_it(two: str) -> None:
     assert_same(env, params, batch, after, steps)
     assert (steps.terminated | steps.truncated).any()
     assert steps.played.all()
+    with pytest.warns(DeprecationWarning, match="use unroll"):
+        again = unroll_on_threads(env, hasty, np.float32(0.2), batch, jax.random.key(3), decisions=60)[1]
+    np.testing.assert_array_equal(again.reward, steps.reward)
 
 
 def test_whole_episodes_combined_and_the_pure_form() -> None:

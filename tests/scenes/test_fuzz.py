@@ -18,8 +18,6 @@ from parity.random_scenes import TEMPLATES, random_scene
 STEPS, FPS = 150, 10
 SAMPLE = (0, 13)  # templates whose programs the default suite compiles
 COUNT = int(os.environ.get("IPHYRE_JAX_FUZZ", "0"))
-if COUNT:
-    iphyre_jax.configure()
 
 
 def scenes_of(template: int, count: int) -> list[Scene]:
