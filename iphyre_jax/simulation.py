@@ -4,43 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from os import PathLike
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from jax.sharding import Mesh
 
-from iphyre_jax.execution.batching import Group, Rows, cached_world, group_by_topology
-from iphyre_jax.execution.devices import Share, agree, gather, on_cpu, runner, share_of
-from iphyre_jax.execution.executables import prepare
-from iphyre_jax.execution.programs import Advance, Score, clock, progress_layout
-from iphyre_jax.execution.threads import run_all
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.devices import Share, agree, share_of
 from iphyre_jax.physics.broadphase import max_steps
-from iphyre_jax.physics.types import Topology, World
-from iphyre_jax.prefixes import play_prefixes
+from iphyre_jax.plan_batch import ATTEMPTS, PlanBatch, Settings
 from iphyre_jax.reward import episode_reward
 from iphyre_jax.rollouts import FAULT_OVERFLOW
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene, scene_to_dict
-from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
 
 SceneLike = str | PathLike[str] | Scene
 
 _DTYPES = ("float32", "float64")
-
-ATTEMPTS = 4  # at a play that needs more contact slots than it was given
-
-
-def _slots(topology: Topology) -> tuple[int, ...]:
-    """Return the contact slots of each attempt: few, for time and compile time grow with them, then more and more.
-
-    None of 800,000 random plans of the forty games at 10 fps needs a second attempt: at most 2 slots with one ball, 4
-    with two, 8 with a bar and a ball, 9 in all others. Of 2000 crowded random scenes 8 need a third.
-    """
-    few = min(10, 2 * topology.balls + 6 * topology.bars)
-    return few, topology.slots, 2 * topology.slots, 4 * topology.slots
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,18 +48,6 @@ class Simulation:
     reward: npt.NDArray[np.float64]
     fault: npt.NDArray[np.int64]
     samples: npt.NDArray[np.floating[Any]] | None
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """The checked keyword arguments of a simulation."""
-
-    fps: float
-    steps: int
-    dtype: str
-    resets: int
-    sample_every: int | None
-    share_prefixes: bool = False
 
 
 def simulate(
@@ -174,7 +144,7 @@ def _settings(
     resets: int,
     sample_every: int | None,
     share_prefixes: bool = False,
-) -> _Settings:
+) -> Settings:
     for name, number in (("fps", fps), ("duration", duration)):
         if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not 0 < number < math.inf:
             raise ValueError(f"{name}: expected a positive number, got {number!r}")
@@ -189,7 +159,7 @@ def _settings(
     if steps < 1 or abs(float(duration) * float(fps) - steps) > 1e-6 * steps:
         raise ValueError(f"duration: expected duration x fps to be a whole number of steps, got {duration!r} x {fps!r}")
     every = None if sample_every is None else int(sample_every)
-    return _Settings(float(fps), steps, dtype, int(resets), every, share_prefixes)
+    return Settings(float(fps), steps, dtype, int(resets), every, share_prefixes)
 
 
 def _integers(name: str, value: npt.ArrayLike, ndim: int) -> npt.NDArray[np.int64]:
@@ -220,7 +190,7 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
 
 
 def _simulate(
-    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: _Settings, share: Share
+    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: Settings, share: Share
 ) -> Simulation:
     if share.ranks > 1:
         agree([scene_to_dict(scene) for scene in scenes], which, plan, settings)
@@ -228,7 +198,7 @@ def _simulate(
     for topology, _ in worlds:
         if settings.steps > (limit := max_steps(topology)):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-    batch = _Batch.of(scenes, worlds, which, plan, settings, share)
+    batch = PlanBatch.of(scenes, worlds, which, plan, settings, share)
     left = np.arange(len(plan))
     for attempt in range(ATTEMPTS):
         if left.size:
@@ -236,161 +206,3 @@ def _simulate(
             left = left[batch.fault[left] == FAULT_OVERFLOW]
     reward = episode_reward(batch.success, batch.eliminations, batch.steps, settings.fps)
     return Simulation(batch.success, batch.steps, batch.eliminations, reward, batch.fault, batch.samples)
-
-
-@dataclass(frozen=True, eq=False)
-class _Batch:
-    """B plays: what they are and what came of them so far."""
-
-    scenes: list[Scene]
-    worlds: list[tuple[Topology, World]]  # of the scenes
-    which: npt.NDArray[np.int64]  # (B,) scene of each
-    plan: npt.NDArray[np.int32]  # (B, S)
-    settings: _Settings
-    share: Share
-    success: npt.NDArray[np.bool_]
-    steps: npt.NDArray[np.int64]
-    eliminations: npt.NDArray[np.int64]
-    fault: npt.NDArray[np.int64]
-    samples: npt.NDArray[np.floating[Any]] | None
-
-    @classmethod
-    def of(
-        cls,
-        scenes: list[Scene],
-        worlds: list[tuple[Topology, World]],
-        which: npt.NDArray[np.int64],
-        plan: npt.NDArray[np.int32],
-        settings: _Settings,
-        share: Share,
-    ) -> _Batch:
-        """Return plays before they are played."""
-        size, every = len(plan), settings.sample_every
-        samples = None
-        if every is not None:
-            shape = size, settings.steps // every + 1, max((scene.n_objects for scene in scenes), default=0), 3
-            samples = np.full(shape, np.nan, settings.dtype)
-        steps, eliminations, fault = (np.zeros(size, np.int64) for _ in range(3))
-        success = np.zeros(size, bool)
-        return cls(scenes, worlds, which, plan, settings, share, success, steps, eliminations, fault, samples)
-
-    def play(self, rows: Rows, attempt: int) -> None:
-        """Play some rows; in several processes, each its own groups of them, and gather the results."""
-        share, dtype = self.share, self.settings.dtype
-        if self.settings.share_prefixes:
-            self._play_prefixes(rows, attempt)
-            return
-        groups = group_by_topology(
-            self.worlds, self.which, rows, dtype, lambda topology: share.lanes(topology, dtype), self._alike
-        )
-        if on_cpu():
-            prepare([self._program(group.topology, attempt) for group in groups])
-        dealt = [groups[rank :: share.ranks] for rank in range(share.ranks)]
-        run_all(partial(self._play_group, attempt), dealt[share.rank])
-        if share.ranks > 1:
-            of_ranks = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in dealt]
-            for array in (self.success, self.steps, self.eliminations, self.fault, self.samples):
-                if array is not None:
-                    gather(share, of_ranks, array)
-
-    def _play_prefixes(self, rows: Rows, attempt: int) -> None:
-        settings = self.settings
-        worlds = [(self._roomy(topology, attempt), world) for topology, world in self.worlds]
-        times = timing(settings.fps, settings.dtype)
-        plan, which = self._padded(self.plan[rows]), self.which[rows]
-        counts = play_prefixes(worlds, which, plan, times, settings.steps, self.share, settings.dtype)
-        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), counts, strict=True):
-            array[rows] = values
-
-    def _padded(self, plan: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        missing = max(MAX_ELIMINABLE - plan.shape[1], 0)
-        return np.pad(plan, [(0, 0), (0, missing)], constant_values=-1)
-
-    def _roomy(self, topology: Topology, attempt: int) -> Topology:
-        return replace(topology, slots=_slots(topology)[attempt])
-
-    def _program(self, topology: Topology, attempt: int) -> Score | Advance:
-        kind = Score if self.samples is None else Advance
-        roomy = self._roomy(topology, attempt)
-        columns = max(MAX_ELIMINABLE, self.plan.shape[1])
-        dtype = self.settings.dtype
-        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns)
-
-    def _play_group(self, attempt: int, group: Group) -> None:
-        program = self._program(group.topology, attempt)
-        run, settings = runner(program, self.share.mesh), self.settings
-        worlds = group.worlds(program.lanes)
-        plans = group.plans(self.plan, program.columns, program.lanes)
-        times = clock(timing(settings.fps, settings.dtype))
-        if isinstance(program, Score):
-            counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
-            self._write(group, counts)
-            return
-        layout = progress_layout(program.topology, program.dtype)
-        episodes, moved = np.zeros((layout.rows, program.lanes), layout.word), []
-        for stop in self._stops():
-            episodes = run(worlds, plans, times, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
-            outcome = layout.unpack_numpy(episodes).outcome
-            moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1)[:, : len(group.rows)])
-        counts = np.stack([outcome.success, outcome.steps, outcome.eliminations, outcome.fault])
-        self._write(group, counts)
-        self._write_samples(group, np.stack(moved))
-
-    def _stops(self) -> list[int]:
-        """Return the step counts at which samples are taken, and the last step."""
-        every, steps = self.settings.sample_every or self.settings.steps, self.settings.steps
-        return sorted({*range(0, steps + 1, every), steps})
-
-    def _write(self, group: Group, counts: npt.NDArray[np.integer[Any]]) -> None:
-        used = counts[:, : len(group.rows)]
-        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), used, strict=True):
-            array[group.rows] = values
-
-    def _write_samples(self, group: Group, moved: npt.NDArray[np.floating[Any]]) -> None:
-        """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""
-        samples = cast(npt.NDArray[np.floating[Any]], self.samples)
-        moved, stops = moved[: samples.shape[1]], self._stops()
-        for index in np.unique(group.scene):
-            scene, at = self.scenes[index], group.scene == index
-            rows = group.rows[at]
-            poses = _poses(scene, moved[:, :, at])
-            _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)
-            samples[rows, :, : scene.n_objects] = poses
-
-    def _alike(self, rows: Rows) -> Rows:
-        return _alike(rows, self.plan)
-
-
-def _alike(rows: npt.NDArray[np.integer[Any]], plan: npt.NDArray[np.int32]) -> npt.NDArray[np.integer[Any]]:
-    """Return the rows of one scene sorted by the order in which their blocks go, then by the times.
-
-    Neighbours in a chunk then touch the same things at the same time, which a chunk computes once for all.
-    """
-    times = np.where(plan[rows] < 0, np.iinfo(np.int32).max, plan[rows])
-    order = np.argsort(times, axis=1, kind="stable")
-    keys = np.concatenate([np.sort(times, axis=1)[:, ::-1], order[:, ::-1]], axis=1)  # the last key is the first
-    return rows[np.lexsort(keys.T)] if keys.shape[1] else rows
-
-
-def _poses(scene: Scene, moved: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
-    """Return x, y and angle of every object, (B, K, N, 3), removed ones included; moved: (K, n, B, 3), who moves."""
-    poses = np.zeros((moved.shape[2], moved.shape[0], scene.n_objects, 3), moved.dtype)
-    poses[:, :, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    poses[:, :, np.flatnonzero(scene.dynamic)] = moved.transpose(2, 0, 1, 3)
-    return poses
-
-
-def _blank_removed(
-    scene: Scene,
-    poses: npt.NDArray[np.floating[Any]],
-    plan: npt.NDArray[np.int32],
-    made: npt.NDArray[np.integer[Any]],
-    stops: list[int],
-) -> None:
-    """Write NaN for removed objects; one removed before step k is in the sample after k steps for the last time."""
-    at = np.array(stops[: poses.shape[1]])
-    for column, block in enumerate(scene.eliminable_blocks[: plan.shape[1]]):
-        when = plan[:, column]
-        done = (when >= 0) & (when < made)
-        row, sample = np.nonzero(done[:, None] & (at > when[:, None]))
-        poses[row, sample, block] = np.nan

@@ -24,6 +24,7 @@ PARTS = (
     "observe",
     "execution",
     "prefixes",
+    "plan_batch",
     "simulation",
     "env",
     "drawing",

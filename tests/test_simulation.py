@@ -234,3 +234,32 @@ def test_many_equals_one_by_one_in_the_callers_order(dtype: str) -> None:
         for name in ("success", "steps", "eliminations", "reward", "fault"):
             np.testing.assert_array_equal(getattr(many, name)[mine], getattr(alone, name))
     assert 0 < many.success.sum() < 160
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_plans_that_share_their_beginnings_end_as_they_do_alone(dtype: str) -> None:
+    """Two layouts, twins, plans that never remove, play that ends early; to the bit of every count."""
+    generator = np.random.default_rng(0)
+    plan = generator.integers(-1, 12, (300, 4)) * 10
+    plan[plan < 0] = -1
+    which = generator.integers(0, 2, 300)
+    plan[which == 1, 3:] = -1
+    plan[:40] = plan[40:80]
+    which[:40] = which[40:80]
+    alone, shared = (
+        simulate_many(["hole", "seesaw"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
+        for share in (False, True)
+    )
+    for name in ("success", "steps", "eliminations", "reward", "fault"):
+        np.testing.assert_array_equal(getattr(shared, name), getattr(alone, name))
+    assert alone.success.any()
+    assert not alone.success.all()
+    nothing = simulate_many(["hole"], np.zeros(0, int), np.zeros((0, 4), int), fps=10, share_prefixes=True)
+    assert nothing.steps.shape == (0,)
+
+
+def test_shared_beginnings_have_no_samples() -> None:
+    with pytest.raises(ValueError, match=r"^share_prefixes: expected no samples"):
+        simulate_many(["hole"], [0], [[-1]], sample_every=3, share_prefixes=True)
+    with pytest.raises(ValueError, match=r"^share_prefixes: expected True or False, got 1$"):
+        simulate_many(["hole"], [0], [[-1]], share_prefixes=1)  # type: ignore[arg-type]
