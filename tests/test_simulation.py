@@ -243,9 +243,8 @@ def test_plans_that_share_their_beginnings_end_as_they_do_alone(dtype: str) -> N
     plan = generator.integers(-1, 12, (300, 4)) * 10
     plan[plan < 0] = -1
     which = generator.integers(0, 2, 300)
-    plan[which == 1, 3:] = -1
-    plan[:40] = plan[40:80]
-    which[:40] = which[40:80]
+    plan[:40], which[:40] = plan[40:80], which[40:80]
+    plan[which == 1, 2:] = -1  # seesaw has two blocks
     alone, shared = (
         simulate_many(["hole", "seesaw"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
         for share in (False, True)

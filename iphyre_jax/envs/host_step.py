@@ -53,7 +53,7 @@ class _Table:
     """A set of scenes: sorted, cut to their own words, what is seen of them, and as they begin."""
 
     def __init__(self, key: bytes, scenes: Ints, kind: Ints, programs: Sequence[EnvStep], views: HostViews) -> None:
-        self.key, self.kind, self.views = key, np.array(kind), views
+        self.key, self.kind, self.views = key, kind, views
         self.kinds = np.unique(kind).tolist()
         rank = np.empty(len(kind), np.uint16 if len(kind) < 2**16 else np.int64)
         rank[np.argsort(kind, kind="stable")] = np.arange(len(kind))
@@ -161,6 +161,7 @@ class HostStep:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
+        scenes, kind = np.array(scenes), np.array(kind)  # what is kept must not lie in the caller's buffers
         features = self._features.unpack_numpy(scenes[:, ID_WORDS : ID_WORDS + self._features.rows].T)
         features = jax.tree.map(lambda leaf: np.moveaxis(leaf, -1, 0), features)
         own = scenes[:, ID_WORDS + self._features.rows :]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -25,10 +23,7 @@ from iphyre_jax.physics.contacts import STATIC_BODY, Point, Points, unpack
 from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
 
-FEW_SLOTS = 2  # with so few there is a program for each number of them in use, without loops over slots
-
-Own = TypeVar("Own")
-_Sweep = tuple[Own, list[joints.Link], list[Motion]]  # impulses so far, links, motions
+FEW_SLOTS = 2  # so few are written out, without a loop over slots
 
 
 @jax.tree_util.register_dataclass
@@ -229,32 +224,33 @@ def solve(
         new, motions = _solve_point(world, unpack_contact(fixed, of), (own[0], own[1], own[2]), motions)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
-    def sweep(_: jax.Array, carry: _Sweep[jax.Array]) -> _Sweep[jax.Array]:
+    def sweep(
+        _: jax.Array, carry: tuple[jax.Array, list[joints.Link], list[Motion]]
+    ) -> tuple[jax.Array, list[joints.Link], list[Motion]]:
         impulses, links, motions = carry
         impulses, motions = lanes.visit(contacts.fixed, used, slot, (impulses, motions))
         links, motions = joints.sweep(topology, timing, links, motions, place)
         return impulses, links, motions
 
-    def unrolled(count: int, carry: _Sweep[jax.Array]) -> _Sweep[jax.Array]:
-        """Run all sweeps over the first slots, which are kept apart, so that none of them is read or written."""
-        impulses, links, motions = carry
-        points = [unpack_contact(contacts.fixed[k], of) for k in range(count)]
+    def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
+        """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
+        points = [unpack_contact(contacts.fixed[k], of) for k in range(topology.slots)]
 
-        def sweep(_: jax.Array, carry: _Sweep[list[Impulses]]) -> _Sweep[list[Impulses]]:
-            (*own,), links, motions = carry
+        def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
+            (*own,), motions = carry
             for k, contact in enumerate(points):
                 own[k], motions = _solve_point(world, contact, own[k], motions)
-            return own, *joints.sweep(topology, timing, links, motions, place)
+            return own, motions
 
-        start = [(impulses[k, 0], impulses[k, 1], impulses[k, 2]) for k in range(count)]
-        own, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, links, motions))
-        rows = [lanes.stack(row)[None] for row in own]
-        return jnp.concatenate([*rows, impulses[count:]]), links, motions
+        start = [(row[0], row[1], row[2]) for row in impulses]
+        own, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, motions))
+        return jnp.stack([lanes.stack(row) for row in own]), motions
 
-    start = contacts.impulses, links, motions
-    if topology.slots <= FEW_SLOTS:
-        ways = [partial(unrolled, count) for count in range(topology.slots + 1)]
-        impulses, links, motions = jax.lax.switch(used, ways, start)
+    if topology.slots <= FEW_SLOTS and not links:
+        # One form for any number of slots in use: float32 would round otherwise from form to form.
+        impulses, motions = jax.lax.cond(
+            used > 0, written_out, lambda impulses, motions: (impulses, motions), contacts.impulses, motions
+        )
     else:
-        impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, start)
+        impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, links, motions))
     return replace(contacts, impulses=impulses), links, motions

@@ -62,7 +62,7 @@ def test_tables_tell_ratios_turn_by_turn(results: report.Results) -> None:
     ours = next(line for line in shown.splitlines() if line.split()[:2] == ["iphyre_jax", "float32"])
     assert ours.split()[2:7] == ["0.0167", "0.01", "-", "0.02", "10"]  # median of 10, 4 and 10
     decided = next(line for line in shown.splitlines() if line.split()[:2] == ["hole", "2"])
-    assert decided.split()[2:8] == ["2", "1.00", "0.80", "0.5", "0.25", "0.25"]
+    assert decided.split()[2:11] == ["1", "0.50", "0.50", "2", "1.00", "0.80", "0.5", "0.25", "0.25"]
     assert "Jax2D is not measured: no network" in shown
     assert ["64", "0.001", "0.002", "2.00", "5e+05", "0"] in [line.split() for line in shown.splitlines()]
     assert ["objects", "3", "0.001", "1e+06"] in [line.split() for line in shown.splitlines()]

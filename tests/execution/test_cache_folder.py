@@ -1,0 +1,75 @@
+"""Entries of the cache: what is written is read, and whatever is not sound, or not one's own, is not."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from iphyre_jax.execution.cache_folder import (
+    KEEP_DAYS,
+    entry_path,
+    private_folder,
+    read_entry,
+    remove_old_entries,
+    write_entry,
+)
+
+KEY = {"program": {"class": "a:b", "lanes": 3}, "jaxlib": "1.2"}
+PAYLOAD = bytes(range(256)) * 40
+
+
+@pytest.fixture
+def entry(tmp_path: Path) -> Path:
+    path = entry_path(private_folder(tmp_path / "programs"), KEY)
+    write_entry(path, KEY, PAYLOAD)
+    return path
+
+
+def test_what_is_written_is_read(entry: Path) -> None:
+    assert read_entry(entry, KEY) == PAYLOAD
+    assert entry.stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in entry.parent.iterdir()] == [entry.name]
+    assert entry_path(entry.parent, KEY | {"jaxlib": "1.3"}) != entry
+
+
+@pytest.mark.parametrize("length", [0, 1, 19, 20, 60, 200, -1, -4000])
+def test_a_cut_entry_is_none(entry: Path, length: int) -> None:
+    entry.write_bytes(entry.read_bytes()[:length])
+    assert read_entry(entry, KEY) is None
+
+
+@pytest.mark.parametrize("place", [0, 25, 60, -1, -5000])
+def test_a_changed_byte_makes_it_none(entry: Path, place: int) -> None:
+    content = bytearray(entry.read_bytes())
+    content[place] ^= 1
+    entry.write_bytes(bytes(content))
+    assert read_entry(entry, KEY) is None
+
+
+def test_an_entry_under_another_ones_name_is_none(entry: Path) -> None:
+    assert read_entry(entry, KEY | {"jaxlib": "1.3"}) is None
+
+
+@pytest.mark.parametrize("mode", [0o620, 0o602, 0o666])
+def test_what_others_may_write_is_none(entry: Path, mode: int) -> None:
+    entry.chmod(mode)
+    assert read_entry(entry, KEY) is None
+
+
+def test_what_another_user_owns_is_none(entry: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    assert read_entry(entry, KEY) is None
+
+
+def test_entries_that_nobody_reads_go(entry: Path) -> None:
+    other = entry_path(entry.parent, KEY | {"jaxlib": "1.3"})
+    write_entry(other, KEY, PAYLOAD)
+    long_ago = time.time() - (KEEP_DAYS + 1) * 86_400
+    os.utime(entry, (long_ago, long_ago))
+    os.utime(other, (long_ago, long_ago))
+    assert read_entry(entry, KEY) == PAYLOAD  # it is in use again
+    remove_old_entries(entry.parent)
+    assert [path.name for path in entry.parent.iterdir()] == [entry.name]

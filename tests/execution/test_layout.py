@@ -1,0 +1,61 @@
+"""Tables of words: what goes in comes out, on both sides of the border; and programs as JSON."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from iphyre_jax import load_scene
+from iphyre_jax.execution.description import describe, from_description
+from iphyre_jax.execution.programs import Score, world_layout
+from iphyre_jax.scenes.build import build
+
+
+def assert_same(one: Any, other: Any) -> None:
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("game", ["hole", "spring_flick", "multi_ball_lever"])
+def test_worlds_cross_the_border_whole(game: str, dtype: str) -> None:
+    topology, world = build(load_scene(game), dtype=dtype)
+    layout = world_layout(topology, dtype)
+    table = layout.pack_many([world, world])
+    assert table.shape == (layout.rows, 2)
+    stacked = jax.tree.map(lambda leaf: np.stack([leaf, leaf], axis=-1), world)
+    assert_same(layout.unpack_numpy(table), stacked)
+    with jax.enable_x64(dtype == "float64"):
+        assert_same(layout.unpack(jax.numpy.asarray(table)), stacked)
+        np.testing.assert_array_equal(layout.pack(stacked), table)
+    numbers = layout.places().start.x
+    np.testing.assert_array_equal(table[numbers : numbers + topology.moving, 0].view(dtype), world.start.x)
+
+
+def test_bits_that_are_no_numbers_survive() -> None:
+    topology, world = build(load_scene("hole"), dtype="float32")
+    layout = world_layout(topology, "float32")
+    table = layout.pack_many([world])
+    table[layout.whole_rows] = np.float32(np.nan).view(np.int32) | 1
+    again = layout.pack_many([jax.tree.map(lambda leaf: leaf[..., 0], layout.unpack_numpy(table))])
+    np.testing.assert_array_equal(again, table)
+
+
+def test_a_program_is_described_as_data() -> None:
+    topology, _ = build(load_scene("pendulum"), dtype="float64")
+    program = Score(topology, "float64", 64, 6)
+    assert from_description(json.loads(json.dumps(describe(program)))) == program
+    with pytest.raises(TypeError, match="expected a dataclass, a tuple"):
+        describe(np.zeros(3))
+
+
+@pytest.mark.parametrize("kind", ["os:system", "subprocess:Popen", "iphyre_jax.simulation:simulate", "nothing", None])
+def test_nothing_else_is_made_of_a_description(kind: Any) -> None:
+    with pytest.raises(ValueError, match="class: expected a dataclass of iphyre_jax"):
+        from_description({"class": kind})
