@@ -91,7 +91,7 @@ def test_typed_and_old_keys_give_the_same() -> None:
 
 
 def test_observations_at_the_start_are_the_official_ones() -> None:
-    """Of games with balls, bars, a pin and a spring, and all that share their layouts; `make parity-official` has all."""
+    """Of games with balls, bars, a pin, a spring, and all of their layouts; `make parity-official` has all games."""
     some = {build(load_scene(game))[0] for game in ("hole", "seesaw", "pendulum", "spring", "multi_ball_hinder")}
     games = [game for game in iphyre_jax.GAMES if build(load_scene(game))[0] in some]
     assert len(games) > 20
