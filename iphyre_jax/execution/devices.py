@@ -21,11 +21,12 @@ from jax.sharding import Mesh, PartitionSpec
 
 from iphyre_jax.execution.client import Arrays
 from iphyre_jax.execution.executables import Run, executable
-from iphyre_jax.execution.programs import Program
+from iphyre_jax.execution.programs import Program, progress_layout
 from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
-LANES = 128  # most worlds side by side on a CPU
+LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
+STATE_BYTES = 70 * 1024  # of their episodes; with a first cache of 48 KiB this much is best, for not all of it is used
 LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
 
 
@@ -56,12 +57,14 @@ def on_cpu() -> bool:
 
 
 def lanes_of(topology: Topology, dtype: str) -> int:
-    """Return how many worlds of a topology a core plays side by side: as many as its caches hold.
+    """Return how many worlds of a topology a core plays side by side: a power of two, 32 to 128.
 
-    Half as many in float64, and half as many with three or more moving bodies, whose step goes through hundreds of
-    rows. Measured; see "Lanes" in docs/decisions.md.
+    Their state should stay in its first cache. Measured; see "Lanes" in docs/decisions.md.
     """
-    return LANES // (2 if dtype == "float64" else 1) // (2 if topology.moving >= 3 else 1)
+    layout, lanes = progress_layout(topology, dtype), LANES
+    while lanes > FEWEST and layout.rows * lanes * layout.word_size > STATE_BYTES:
+        lanes //= 2
+    return lanes
 
 
 def traced_lanes() -> int:

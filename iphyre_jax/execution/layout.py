@@ -52,6 +52,11 @@ class Layout:
         """Name of the table's dtype."""
         return WORD[self.dtype].name
 
+    @property
+    def word_size(self) -> int:
+        """Bytes of a word."""
+        return WORD[self.dtype].itemsize
+
     @cached_property
     def rows(self) -> int:
         """Rows of the table."""

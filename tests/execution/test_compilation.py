@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -176,6 +177,24 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
         played = simulate("hole", PLAN, fps=10, duration=1)
     np.testing.assert_array_equal(played.reward, expected.reward)
     np.testing.assert_array_equal(played.steps, expected.steps)
+
+
+class Terminal(io.StringIO):
+    """What people look at."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_people_are_told_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a terminal alone, in one line that is gone afterwards."""
+    for terminal, expected in ((Terminal(), "\rcompiling 2 of 3 programs"), (io.StringIO(), "")):
+        monkeypatch.setattr(sys, "stderr", terminal)
+        executables._show(1, 3)
+        assert terminal.getvalue() == expected
+        executables._clear()
+        assert terminal.getvalue().rstrip(" \r") == expected.rstrip()
+        assert terminal.getvalue() == "" or terminal.getvalue().endswith(" \r")
 
 
 INTERRUPTED = """
