@@ -13,7 +13,7 @@ import json
 import os
 import stat
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
 OFF_WORDS = ("0", "off", "no", "false")
 MAGIC = b"iphyre_jax program\n"
 SUFFIX = ".program"
+WAIT = 0.05  # s between looks at what another process makes
 KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when another is written
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -82,6 +83,41 @@ def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
     with contextlib.suppress(OSError):
         os.utime(path)  # it is in use
     return payload
+
+
+@contextlib.contextmanager
+def claimed(path: Path) -> Iterator[bool]:
+    """Claim the making of an entry for this process while the context lasts; False if another process makes it now.
+
+    A claim ends with its process. Where files cannot be locked every process makes its own.
+    """
+    lock = path.with_suffix(".lock")
+    try:
+        import fcntl  # not on Windows
+
+        file = lock.open("a")
+    except (ImportError, OSError):
+        yield True
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+            return
+        try:
+            yield True
+        finally:
+            lock.unlink(missing_ok=True)
+
+
+def wait_for_claim(path: Path) -> None:
+    """Wait until no other process makes an entry; an interrupt ends the wait."""
+    while True:
+        with claimed(path) as is_free:
+            if is_free:
+                return
+        time.sleep(WAIT)
 
 
 def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:

@@ -13,6 +13,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -84,10 +85,24 @@ def _keep(program: Program, run: Run) -> None:
 
 
 def _load_all(programs: Sequence[Program], folder: Path) -> None:
+    """Load programs; each that is missing is compiled by one process, while others that want it wait."""
     entries = {program: _entry(program, folder) for program in programs}
-    missing = [program for program in programs if not _load(program, *entries[program])]
-    if not missing:
-        return
+    left = [program for program in programs if not _load(program, *entries[program])]
+    while left:
+        with ExitStack() as claims:
+            own = [program for program in left if claims.enter_context(cache_folder.claimed(entries[program][0]))]
+            missing = [program for program in own if not _load(program, *entries[program])]
+            if missing:
+                _compile_all(missing, entries, folder)
+        left = [program for program in left if program not in own]
+        for program in left:
+            cache_folder.wait_for_claim(entries[program][0])
+        left = [program for program in left if not _load(program, *entries[program])]
+
+
+def _compile_all(
+    missing: Sequence[Program], entries: Mapping[Program, tuple[Path, dict[str, Any]]], folder: Path
+) -> None:
     jobs = [Job(describe(program), *entries[program], options_for(program.lanes)) for program in missing]
     try:
         compile_all(jobs, _show)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import threading
 import time
 from pathlib import Path
 
@@ -10,10 +13,12 @@ import pytest
 
 from iphyre_jax.execution.cache_folder import (
     KEEP_DAYS,
+    claimed,
     entry_path,
     private_folder,
     read_entry,
     remove_old_entries,
+    wait_for_claim,
     write_entry,
 )
 
@@ -72,4 +77,43 @@ def test_entries_that_nobody_reads_go(entry: Path) -> None:
     os.utime(other, (long_ago, long_ago))
     assert read_entry(entry, KEY) == PAYLOAD  # it is in use again
     remove_old_entries(entry.parent)
+    assert [path.name for path in entry.parent.iterdir()] == [entry.name]
+
+
+CLAIM = """
+import sys, time
+from pathlib import Path
+from iphyre_jax.execution.cache_folder import claimed, write_entry
+path = Path(sys.argv[1])
+with claimed(path) as is_mine:
+    print(is_mine, flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.mark.parametrize("end", ["goes on", "is killed"])
+def test_one_process_makes_an_entry(entry: Path, end: str) -> None:
+    """Another one waits until it is made, or until the first has died."""
+    other = subprocess.Popen(
+        [sys.executable, "-c", CLAIM, str(entry)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout is not None
+    assert other.stdin is not None
+    assert other.stdout.readline() == "True\n"
+    with claimed(entry) as is_mine:
+        assert not is_mine
+    waiting = threading.Thread(target=wait_for_claim, args=(entry,))
+    waiting.start()
+    time.sleep(0.2)
+    assert waiting.is_alive()
+    if end == "goes on":
+        other.stdin.write("\n")
+        other.stdin.flush()
+    else:
+        other.kill()
+    waiting.join(30)
+    assert not waiting.is_alive()
+    other.communicate()
+    with claimed(entry) as is_mine:
+        assert is_mine
     assert [path.name for path in entry.parent.iterdir()] == [entry.name]
