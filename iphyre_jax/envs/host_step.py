@@ -27,7 +27,7 @@ from iphyre_jax.execution.threads import run_all
 from iphyre_jax.scenes.build import timing
 
 ID_WORDS: Final = 2  # in front of a scene's words: tells its content from any other
-SHORT: Final = 1e-3  # s; two threads gain nothing with shorter tasks: waking one, and passing the interpreter on, costs more
+SHORT: Final = 1e-3  # s, of a task; shorter ones gain nothing from a second thread, which must be woken
 TABLES_KEPT: Final = 16  # sets of scenes
 LAID_OUT_KEPT: Final = 64  # scenes of tasks, some hundred kilobytes each
 
