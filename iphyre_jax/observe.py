@@ -98,14 +98,14 @@ def object_rows(features: SceneFeatures, position: Array, angle: Array, alive: A
     columns = [
         xp.stack([x, y], axis=-1).reshape(-1, 4),
         xp.asarray(features.constants, position.dtype),
-        _pair_number(features.joints, there, xp).astype(position.dtype)[:, None],
-        _pair_number(features.springs, there, xp).astype(position.dtype)[:, None],
+        pair_number(features.joints, there, xp).astype(position.dtype)[:, None],
+        pair_number(features.springs, there, xp).astype(position.dtype)[:, None],
     ]
     rows = xp.concatenate(columns, axis=1)
     return xp.where(there[:, None], rows, xp.zeros_like(rows))
 
 
-def _pair_number(member: npt.NDArray[np.bool_], there: Array, xp: ModuleType) -> Array:
+def pair_number(member: npt.NDArray[np.bool_], there: Array, xp: ModuleType) -> Array:
     """(12,) number of the last remaining pair an object belongs to; a pair ends with either of its objects."""
     if not len(member):
         return xp.zeros(there.shape, np.int32)

@@ -9,14 +9,14 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.batching import Group, Rows, group_by_topology
+from iphyre_jax.execution.batching import Group, Rows, columns_for, group_by_topology
 from iphyre_jax.execution.devices import Share, gather, on_cpu, runner
 from iphyre_jax.execution.executables import prepare
 from iphyre_jax.execution.programs import Advance, Score, clock, progress_layout
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.prefixes import play_prefixes
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
+from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.build import timing
 
 ATTEMPTS = 4  # at a play that needs more contact slots than it was given
@@ -103,14 +103,9 @@ class PlanBatch:
         settings = self.settings
         worlds = [(self._roomy(topology, attempt), world) for topology, world in self.worlds]
         times = timing(settings.fps, settings.dtype)
-        plan, which = self._padded(self.plan[rows]), self.which[rows]
+        which, plan = self.which[rows], self.plan[rows]
         counts = play_prefixes(worlds, which, plan, times, settings.steps, self.share, settings.dtype)
-        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), counts, strict=True):
-            array[rows] = values
-
-    def _padded(self, plan: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        missing = max(MAX_ELIMINABLE - plan.shape[1], 0)
-        return np.pad(plan, [(0, 0), (0, missing)], constant_values=-1)
+        self._write(rows, counts)
 
     def _roomy(self, topology: Topology, attempt: int) -> Topology:
         return replace(topology, slots=_slots(topology)[attempt])
@@ -118,9 +113,8 @@ class PlanBatch:
     def _program(self, topology: Topology, attempt: int) -> Score | Advance:
         kind = Score if self.samples is None else Advance
         roomy = self._roomy(topology, attempt)
-        columns = max(MAX_ELIMINABLE, self.plan.shape[1])
         dtype = self.settings.dtype
-        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns)
+        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns_for(self.plan))
 
     def _play_group(self, attempt: int, group: Group) -> None:
         program = self._program(group.topology, attempt)
@@ -130,7 +124,7 @@ class PlanBatch:
         times = clock(timing(settings.fps, settings.dtype))
         if isinstance(program, Score):
             counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
-            self._write(group, counts)
+            self._write(group.rows, counts[:, : len(group.rows)])
             return
         layout = progress_layout(program.topology, program.dtype)
         episodes, moved = np.zeros((layout.rows, program.lanes), layout.word), []
@@ -139,7 +133,7 @@ class PlanBatch:
             outcome = layout.unpack_numpy(episodes).outcome
             moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1)[:, : len(group.rows)])
         counts = np.stack([outcome.success, outcome.steps, outcome.eliminations, outcome.fault])
-        self._write(group, counts)
+        self._write(group.rows, counts[:, : len(group.rows)])
         self._write_samples(group, np.stack(moved))
 
     def _stops(self) -> list[int]:
@@ -147,10 +141,9 @@ class PlanBatch:
         every, steps = self.settings.sample_every or self.settings.steps, self.settings.steps
         return sorted({*range(0, steps + 1, every), steps})
 
-    def _write(self, group: Group, counts: npt.NDArray[np.integer[Any]]) -> None:
-        used = counts[:, : len(group.rows)]
-        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), used, strict=True):
-            array[group.rows] = values
+    def _write(self, rows: Rows, counts: npt.NDArray[np.integer[Any]]) -> None:
+        for array, values in zip((self.success, self.steps, self.eliminations, self.fault), counts, strict=True):
+            array[rows] = values
 
     def _write_samples(self, group: Group, moved: npt.NDArray[np.floating[Any]]) -> None:
         """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.batching import Group, group_by_topology
+from iphyre_jax.execution.batching import Group, columns_for, group_by_topology
 from iphyre_jax.execution.devices import Share, on_cpu, runner
 from iphyre_jax.execution.executables import prepare
 from iphyre_jax.execution.layout import WORD, Words
@@ -94,7 +94,7 @@ class _Stretch:
         return self.share.lanes(topology, self.dtype)
 
     def _program(self, group: Group) -> Advance:
-        return Advance(group.topology, self.dtype, self._lanes(group.topology), self.plan.shape[1])
+        return Advance(group.topology, self.dtype, self._lanes(group.topology), columns_for(self.plan))
 
     def _play_group(self, begun: Words | None, after: Words, outcomes: npt.NDArray[np.int32], group: Group) -> None:
         program, count = self._program(group), len(group.rows)

@@ -7,7 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import Any, Final
 
 import jax
@@ -21,7 +21,7 @@ from iphyre_jax.envs.status import FAULT, STEP, SUCCESS, status_words
 from iphyre_jax.envs.step_program import BEGIN, EnvStep, scene_layout
 from iphyre_jax.execution.client import OnClient, aligned, aligned_copy
 from iphyre_jax.execution.executables import executable, prepare
-from iphyre_jax.execution.layout import Layout
+from iphyre_jax.execution.layout import Layout, filled, pieces
 from iphyre_jax.execution.programs import clock
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.scenes.build import timing
@@ -43,10 +43,6 @@ class _Task:
     kind: int
     rows: Rows
     games: Ints  # of the worlds, sorted
-
-    def padded(self, lanes: int) -> Ints:
-        """Return the game of each lane, (lanes,); spare ones repeat the last world."""
-        return self.games[np.minimum(np.arange(lanes), len(self.games) - 1)]
 
 
 class _Table:
@@ -133,7 +129,7 @@ class HostStep:
         shown = np.zeros((len(words), self._shown), np.float32)
         self._run_tasks(partial(self._run, table, episodes, orders, (words, shown)), tasks)
         status[:] = words[:, : self.status]
-        self._see(table, status, shown, seen)
+        table.views.write(seen, status, shown, self._steps)
         if final is not None:
             final[0][:], final[1][:] = words, seen
         done = (status[:, SUCCESS] != 0) | (status[:, FAULT] != 0) | (status[:, STEP] >= self._steps)
@@ -184,12 +180,8 @@ class HostStep:
         words, seen = np.zeros_like(episodes), np.zeros((len(games), table.views.size), np.float32)
         for task in self._tasks(table, games):
             self._run(table, episodes, orders, (words, shown), task)
-        self._see(table, words[:, : self.status], shown, seen)
+        table.views.write(seen, words[:, : self.status], shown, self._steps)
         table.words, table.seen = words, seen
-
-    def _see(self, table: _Table, status: Ints, shown: npt.NDArray[np.float32], seen: npt.NDArray[np.float32]) -> None:
-        """Fill in what is seen of episodes; status: (B, status words)."""
-        table.views.write(seen, status, shown, self._steps)
 
     def _tasks(self, table: _Table, game: Ints) -> list[_Task]:
         """Sort worlds by topology and game, and cut them into tasks; those of most moving bodies come first."""
@@ -221,17 +213,17 @@ class HostStep:
         program, count = self.programs[task.kind], len(task.games)
         row, width = program.row, self.row
         worlds = self._scratch(task.kind)
-        _pieces(worlds, 0, row)[:count] = _pieces(episodes, 0, row)[task.rows]
-        _pieces(worlds, row, program.order)[:count] = _pieces(orders, 0, program.order)[task.rows]
+        pieces(worlds, 0, row)[:count] = pieces(episodes, 0, row)[task.rows]
+        pieces(worlds, row, program.order)[:count] = pieces(orders, 0, program.order)[task.rows]
         if count < program.lanes:  # spare lanes repeat the last world and wait
             worlds[count:] = worlds[count - 1]
             worlds[count:, row + self.slots] = worlds[count - 1, STEP]
         after = executable(program)(self._scenes(table, task), worlds, self._clock, self._once)[0]
-        _pieces(out[0], 0, row)[task.rows] = _pieces(after, 0, row)[:count]
+        pieces(out[0], 0, row)[task.rows] = pieces(after, 0, row)[:count]
         if row < width:
             out[0][task.rows, row:] = 0
         if after.itemsize == 4:
-            _pieces(out[1], 0, program.shown)[task.rows] = _pieces(after, row, program.shown)[:count]
+            pieces(out[1], 0, program.shown)[task.rows] = pieces(after, row, program.shown)[:count]
         else:
             out[1][task.rows, : program.shown] = after[:count, row:].astype(np.int32).view(np.float32)
 
@@ -247,7 +239,7 @@ class HostStep:
     def _scenes(self, table: _Table, task: _Task) -> OnClient:
         """Return the words of a task's scenes, (words, lanes), laid out before if they were wanted before."""
         lanes, words = self.programs[task.kind].lanes, table.scenes[task.kind]
-        place, games = (table.key, task.kind, task.number), task.padded(lanes)
+        place, games = (table.key, task.kind, task.number), filled(task.games, lanes)
         with self._lock:
             there, laid, given = self._laid_out.get(place, (None, None, None))
         if there is None or laid is None or given is None or (there != games).any():
@@ -264,14 +256,3 @@ class HostStep:
             self._laid_out[place] = laid_out
             while len(self._laid_out) > LAID_OUT_KEPT:
                 self._laid_out.popitem(last=False)
-
-
-def _pieces(table: npt.NDArray[Any], first: int, width: int) -> npt.NDArray[np.void]:
-    """Return some columns of a table of contiguous rows, each row's as a single value, to be copied as one."""
-    size = table.itemsize
-    return np.ndarray((len(table),), _void(width * size), table, first * size, (table.strides[0],))
-
-
-@cache
-def _void(size: int) -> np.dtype[np.void]:
-    return np.dtype((np.void, size))

@@ -18,7 +18,8 @@ from iphyre_jax.envs.features import Features, motion_size, rows_size
 from iphyre_jax.envs.observations import ObservationName, observation_size
 from iphyre_jax.envs.status import FAULT, GAME, STANDING, STEP
 from iphyre_jax.envs.step_program import SHOWN
-from iphyre_jax.observe import COLUMNS, LENGTH_COLUMNS
+from iphyre_jax.execution.layout import pieces, void
+from iphyre_jax.observe import COLUMNS, LENGTH_COLUMNS, pair_number
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 
 KEPT: Final = 65_536  # rows of what does not move; half a kilobyte each
@@ -61,7 +62,7 @@ class HostViews:
         with self._lock:
             ids = self._ids(game, status[:, STANDING : STANDING + len(self._powers)] != 0)
             kept = self._kept
-        _as_pieces(out, self.size)[:] = _as_pieces(kept, self.size)[ids]
+        pieces(out, 0, self.size)[:] = pieces(kept, 0, self.size)[ids]
         broken = np.flatnonzero(fault == FAULT_NOT_FINITE)
         out[broken, : self._rows] = 0
         start = np.arange(len(out)) * self.size
@@ -120,17 +121,13 @@ class HostViews:
     def _row(self, game: int, standing: npt.NDArray[np.bool_]) -> Floats:
         """Return the observation of a game with some blocks left; what moves is written over it."""
         features = self._features
-        table, there = (
-            np.array(features.seen[game], np.float32),
-            np.asarray(features.seen[game])[:, LENGTH_COLUMNS - 1] > 0,
-        )
+        table = np.array(features.seen[game], np.float32)
+        there = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
         for block, stands in zip(np.asarray(features.slot_object)[game], standing, strict=True):
             if block >= 0 and not stands:
                 there[block] = False
         for column, pairs in ((7, features.joints), (8, features.springs)):
-            member = np.asarray(pairs)[game]
-            left = member.any(axis=1) & ~(member & ~there).any(axis=1)
-            table[:, column] = (member & left[:, None]).any(axis=0)
+            table[:, column] = pair_number(np.asarray(pairs)[game], there, np) > 0
         table[~there] = 0
         row = np.zeros(self.size, np.float32)
         row[: self._rows] = table.reshape(-1)
@@ -140,12 +137,6 @@ class HostViews:
         return row
 
 
-def _as_pieces(table: Floats, width: int) -> npt.NDArray[np.void]:
-    """Return the rows of a contiguous table as single values."""
-    return table.reshape(-1).view(np.dtype((np.void, width * table.itemsize)))
-
-
 def _windows(table: Floats, width: int) -> npt.NDArray[np.void]:
     """Return every stretch of so many numbers of a contiguous table as a single value; they overlap."""
-    size = width * table.itemsize
-    return np.ndarray((table.size - width + 1,), np.dtype((np.void, size)), table, 0, (table.itemsize,))
+    return np.ndarray((table.size - width + 1,), void(width * table.itemsize), table, 0, (table.itemsize,))

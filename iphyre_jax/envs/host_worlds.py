@@ -22,9 +22,8 @@ from iphyre_jax.envs.features import Features, Pose, objects_there, own_features
 from iphyre_jax.envs.host_calls import begin_episodes, play_episodes
 from iphyre_jax.envs.host_step import ID_WORDS, HostStep
 from iphyre_jax.envs.host_views import HostViews
-from iphyre_jax.envs.observations import ObservationName, observation_size
-from iphyre_jax.envs.params import EnvParams, EnvState, Played
-from iphyre_jax.envs.protocols import Protocol
+from iphyre_jax.envs.observations import observation_size
+from iphyre_jax.envs.params import EnvParams, EnvState, Played, Worlds
 from iphyre_jax.envs.status import Status, status_words, unpack_status
 from iphyre_jax.envs.step_program import EnvStep, scene_layout
 from iphyre_jax.execution.batching import cached_world
@@ -71,15 +70,9 @@ class HostState(EnvState):
 
 
 @dataclass(frozen=True)
-class HostWorlds:
-    """Worlds of some topologies, see `params.Worlds`; hashable. Attributes as of `Environment`."""
+class HostWorlds(Worlds):
+    """Worlds of some topologies, see `params.Worlds`."""
 
-    topologies: tuple[Topology, ...]
-    dtype: str
-    protocol: Protocol
-    observation: ObservationName
-    limits: Limits
-    no_op: bool
     keep_last: bool  # whether `play` also returns an episode that has ended as it was then
 
     def params(self, scenes: Sequence[Scene]) -> HostParams:

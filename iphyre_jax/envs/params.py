@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from os import PathLike
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import jax
 
 from iphyre_jax.envs.features import Features, Pose
+from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.status import Status
-from iphyre_jax.scenes import Scene
+from iphyre_jax.physics.types import Topology
+from iphyre_jax.scenes import Limits, Scene
 
 SceneLike = str | PathLike[str] | Scene
 
@@ -49,18 +53,33 @@ class Played(NamedTuple):
     last_seen: jax.Array | None  # of that state
 
 
-class Worlds(Protocol):
-    """How episodes are begun, played and seen, for one world, to be mapped; see `host_worlds` and `traced_worlds`."""
+@dataclass(frozen=True)
+class Worlds(ABC):
+    """How episodes are begun, played and seen, for one world, to be mapped; see `host_worlds` and `traced_worlds`.
 
+    Hashable. Attributes as of `Environment`; no_op: whether a candidate that does nothing is seen.
+    """
+
+    topologies: tuple[Topology, ...]
+    dtype: str
+    protocol: Protocol
+    observation: ObservationName
+    limits: Limits
+    no_op: bool
+
+    @abstractmethod
     def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
         """Return scenes as parameters."""
 
+    @abstractmethod
     def alone(self, params: Any, game: int) -> Any:  # noqa: ANN401
         """Return the parameters of one game, for worlds of its topology alone (host)."""
 
+    @abstractmethod
     def begin(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
         """Return what is seen, and the state, of an episode before its first step."""
 
+    @abstractmethod
     def play(
         self,
         params: Any,  # noqa: ANN401
@@ -81,11 +100,14 @@ class Worlds(Protocol):
             next_game: () int32, the game of the episode that follows if this one has ended; -1 for none.
         """
 
+    @abstractmethod
     def status(self, params: Any, state: Any) -> Status:  # noqa: ANN401
         """Return the status of an episode."""
 
+    @abstractmethod
     def observe(self, params: Any, state: Any) -> jax.Array:  # noqa: ANN401
         """Return what is seen of an episode, but for pictures."""
 
+    @abstractmethod
     def pose(self, params: Any, state: Any) -> tuple[Features, Pose]:  # noqa: ANN401
         """Return what a picture of an episode needs."""

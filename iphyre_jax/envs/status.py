@@ -54,6 +54,5 @@ def unpack_status(words: jax.Array) -> Status:
     """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
     slots = (words.shape[0] - STANDING) // 2
     game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(STANDING))
-    return Status(
-        game, step, success != 0, steps, eliminations, fault, words[6 : 6 + slots] != 0, words[6 + slots :] != 0
-    )
+    there, executed = words[STANDING : STANDING + slots] != 0, words[STANDING + slots :] != 0
+    return Status(game, step, success != 0, steps, eliminations, fault, there, executed)

@@ -47,6 +47,7 @@ class EnvStep:
 
     sources: ClassVar[tuple[str, ...]] = (
         *programs.SOURCES,
+        "observe.py",
         *(f"envs/{name}.py" for name in ("step_program", "status", "features", "stretches")),
     )
 

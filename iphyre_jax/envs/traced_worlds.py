@@ -12,15 +12,14 @@ import numpy as np
 
 from iphyre_jax.envs.features import Features, Pose, own_features, pose_of, scene_tables
 from iphyre_jax.envs.mixture import Games, Mixture
-from iphyre_jax.envs.observations import ObservationName, observe
-from iphyre_jax.envs.params import EnvParams, EnvState, Played
-from iphyre_jax.envs.protocols import Protocol
+from iphyre_jax.envs.observations import observe
+from iphyre_jax.envs.params import EnvParams, EnvState, Played, Worlds
 from iphyre_jax.envs.status import Status, status_of
 from iphyre_jax.envs.stretches import Stretch, start
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import Progress
-from iphyre_jax.scenes import Limits, Scene
+from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.build import timing
 
 Tree = TypeVar("Tree")
@@ -67,15 +66,8 @@ class TracedState(EnvState):
 
 
 @dataclass(frozen=True)
-class TracedWorlds:
-    """Worlds of some topologies, see `params.Worlds`; hashable. Attributes as of `Environment`."""
-
-    topologies: tuple[Topology, ...]
-    dtype: str
-    protocol: Protocol
-    observation: ObservationName
-    limits: Limits
-    no_op: bool
+class TracedWorlds(Worlds):
+    """Worlds of some topologies, see `params.Worlds`."""
 
     @property
     def mixture(self) -> Mixture:

@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.layout import Words
+from iphyre_jax.execution.layout import Words, filled
 from iphyre_jax.execution.programs import SPARE, world_layout
 from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.scenes import MAX_ELIMINABLE
 from iphyre_jax.scenes.build import build
 from iphyre_jax.scenes.schema import Scene
 
@@ -25,6 +26,11 @@ Rows = npt.NDArray[np.integer[Any]]
 def cached_world(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
     """Return topology and numbers of a scene, without lanes; kept while it is among the last SCENES_KEPT asked for."""
     return build(scene, resets=resets, dtype=dtype)
+
+
+def columns_for(plan: npt.NDArray[np.int32]) -> int:
+    """Return how many columns a program has that plays plans (B, S): as many for all scenes of official limits."""
+    return max(MAX_ELIMINABLE, plan.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +53,7 @@ class Group:
 
     def worlds(self, lanes: int) -> Words:
         """Return the words of the worlds, (rows of the layout, lanes); spare lanes repeat the last one."""
-        return np.ascontiguousarray(self.table[:, _filled(self.columns, lanes)])
+        return np.ascontiguousarray(self.table[:, filled(self.columns, lanes)])
 
     def plans(self, plan: npt.NDArray[np.int32], columns: int, lanes: int) -> npt.NDArray[np.int32]:
         """Return the plans of the worlds, (columns, lanes) int32; SPARE in spare lanes.
@@ -91,7 +97,3 @@ def group_by_topology(
             here = sorted_rows[part]
             groups.append(Group(topology, scene[here], here, columns[part], table))
     return groups
-
-
-def _filled(columns: Rows, lanes: int) -> Rows:
-    return columns[np.minimum(np.arange(lanes), len(columns) - 1)]

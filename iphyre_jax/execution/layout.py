@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, TypeVar
 
 import jax
@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-Tree = TypeVar("Tree")
+Number = TypeVar("Number", bound=np.generic)
 Words = npt.NDArray[np.signedinteger[Any]]
 
 WORD: dict[str, np.dtype[np.signedinteger[Any]]] = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
@@ -126,3 +126,20 @@ class Layout:
     def places(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the first row of each array, as a tree."""
         return self.structure.unflatten(self.starts)
+
+
+def filled(columns: npt.NDArray[Number], lanes: int) -> npt.NDArray[Number]:
+    """Return one number a lane, (lanes,); spare lanes repeat the last one."""
+    return columns[np.minimum(np.arange(lanes), len(columns) - 1)]
+
+
+def pieces(table: npt.NDArray[Any], first: int, width: int) -> npt.NDArray[np.void]:
+    """Return some columns of a table of contiguous rows, each row's as a single value, to be copied as one."""
+    size = table.itemsize
+    return np.ndarray((len(table),), void(width * size), table, first * size, (table.strides[0],))
+
+
+@cache
+def void(size: int) -> np.dtype[np.void]:
+    """Return the type of a value of so many bytes."""
+    return np.dtype((np.void, size))

@@ -100,8 +100,8 @@ def in_one_function(
 
 
 @dataclass(frozen=True)
-class Score:
-    """Plays whole episodes and returns what is scored.
+class _OfPlans:
+    """A program that plays plans.
 
     Attributes:
         topology: of the worlds, with the contact slots that they may use.
@@ -117,18 +117,25 @@ class Score:
     lanes: int
     columns: int
 
-    def arguments(self) -> Shapes:
-        """Return the shapes of worlds (rows, lanes), plans (columns, lanes), clock, and counts (2,).
+    def plays(self) -> Shapes:
+        """Return the shapes of worlds (rows, lanes), plans (columns, lanes), and clock.
 
-        The counts are the number of steps, and 1. A plan's entries are SPARE in a lane that is not to be played.
+        A plan's entries are SPARE in a lane that is not to be played.
         """
         layout = world_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word),
             jax.ShapeDtypeStruct((self.columns, self.lanes), "int32"),
             jax.ShapeDtypeStruct((CLOCK,), self.dtype),
-            jax.ShapeDtypeStruct((2,), "int32"),
         )
+
+
+class Score(_OfPlans):
+    """Plays whole episodes and returns what is scored."""
+
+    def arguments(self) -> Shapes:
+        """Return the shapes of `plays`, and counts (2,): the number of steps, and 1."""
+        return *self.plays(), jax.ShapeDtypeStruct((2,), "int32")
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4, lanes) int32."""
@@ -144,26 +151,17 @@ class Score:
         return (in_one_function(play, (worlds, plan), like, steps[1]),)
 
 
-@dataclass(frozen=True)
-class Advance:
-    """Plays episodes on from where they are, and returns all of their state. Attributes as of `Score`."""
-
-    sources: ClassVar[tuple[str, ...]] = SOURCES
-
-    topology: Topology
-    dtype: str
-    lanes: int
-    columns: int
+class Advance(_OfPlans):
+    """Plays episodes on from where they are, and returns all of their state."""
 
     def arguments(self) -> Shapes:
-        """Return the shapes of worlds, plans and clock as of `Score`, steps (2,), and episodes (rows, lanes).
+        """Return the shapes of `plays`, steps (3,), and episodes (rows, lanes).
 
         The steps are the number to play to, 1, and 1 if the episodes begin, whatever their table holds.
         """
-        score = Score(self.topology, self.dtype, self.lanes, self.columns).arguments()
         layout = progress_layout(self.topology, self.dtype)
         steps = jax.ShapeDtypeStruct((3,), "int32")
-        return *score[:3], steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
+        return *self.plays(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episodes, (rows, lanes)."""
