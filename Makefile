@@ -61,7 +61,7 @@ chromium: ## install the distribution's Chromium if there is none (Debian, as ro
 		|| { echo "make chromium: no Chromium, and apt-get cannot install it; say CHROMIUM=/path/to/it"; exit 1; }
 
 pictures: .venv/.stamp ## make the pictures of the README again, docs/pictures/
-	$(PY) docs/make_pictures.py
+	$(PY) tools/make_pictures.py
 
 lint: .venv/.stamp ## ruff and mypy only
 	$(PY) -m ruff check .
@@ -72,7 +72,7 @@ parity: .venv/.stamp ## compare every game with pymunk, over whole runs
 	$(PY) -m parity
 
 parity-random: .venv/.stamp ## compare 2000 random scenes with pymunk; a run that was killed goes on where it was
-	$(PY) -m parity.random_run
+	$(PY) -m parity.fuzz.random_run
 
 golden: .venv/.stamp ## write the golden files of tests/parity anew, from pymunk
 	$(PY) -m parity.golden
@@ -80,9 +80,9 @@ golden: .venv/.stamp ## write the golden files of tests/parity anew, from pymunk
 parity-official: .venv/.stamp ## compare the environments with the official class, which needs its own old libraries
 	$(PYTHON) -m venv $(OFFICIAL_VENV)
 	$(OFFICIAL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check 'iphyre==0.2.3' 'pymunk==6.11.1' 'numpy<2' pygame
-	$(OFFICIAL_VENV)/bin/python parity/official.py build/official.npz --pictures build/pictures.npz
-	$(PY) -m parity.pictures build/pictures.npz build/pictures.png
-	$(PY) -m parity.environments build/official.npz
+	$(OFFICIAL_VENV)/bin/python parity/official/record.py build/official.npz --pictures build/pictures.npz
+	$(PY) -m parity.official.pictures build/pictures.npz build/pictures.png
+	$(PY) -m parity.official.environments build/official.npz
 
 wheel: .venv/.stamp ## build the wheel and try it in a clean environment without extras
 	rm -rf dist $(WHEEL_VENV)
@@ -92,10 +92,10 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
 
 results: .venv/.stamp ## train five seeds of every agent and write docs/results.md; goes on where it stopped
-	$(PY) -m iphyre_jax.train.results --weights iphyre_jax/train/weights
+	$(PY) -m benchmarks.agents --weights iphyre_jax/train/weights
 
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results-paper.md
-	$(PY) -m iphyre_jax.train.results --preset paper --seeds 1
+	$(PY) -m benchmarks.agents --preset paper --seeds 1
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks

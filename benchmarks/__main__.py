@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 import iphyre_jax
-from benchmarks import deciding, growth, plots, report, scaling, startup
-from benchmarks.crew import GAME_FACTOR, Crew
+from benchmarks import decision_rate, plots, report, scaling_batch, scaling_size, startup
 from benchmarks.engines import engines, ours
 from benchmarks.measure import compare
 from benchmarks.report import Results
-from benchmarks.work import make_work
+from benchmarks.worker_pool import GAME_FACTOR, Crew
+from benchmarks.workload import make_work
 from iphyre_jax.execution.configuration import usable_cores
 
 REPORT_WIDTH = 130  # columns, where the output is not a terminal
@@ -120,7 +120,7 @@ def measure(options: Options, results: Results, log: Log) -> None:
         startup.startups(jobs, 1024, log.into(results.startups))
     if "decisions" in o.parts:
         log.start("decisions on the fly", len(jobs) * len(o.fps))
-        deciding.deciding(jobs, o.fps, o.turns, log.into(results.decisions))
+        decision_rate.deciding(jobs, o.fps, o.turns, log.into(results.decisions))
     if "scaling" in o.parts:
         scales(o, results, log)
 
@@ -129,11 +129,11 @@ def scales(options: Options, results: Results, log: Log) -> None:
     """Measure what grows with what, in float32."""
     o, turns = options, min(options.turns, MOST_SCALING_TURNS)
     results.bytes_a_world |= {
-        game: {dtype: scaling.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
+        game: {dtype: scaling_batch.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
     }
-    log.start("objects, moving bodies, steps", len(growth.sizes()))
+    log.start("objects, moving bodies, steps", len(scaling_size.sizes()))
     with Crew(ours("float32", o.cores, o.plans, "cache")) as crew:
-        growth.growth(crew, turns, o.seed, log.into(results.growths))
+        scaling_size.growth(crew, turns, o.seed, log.into(results.growths))
     players = [(n, "thread") for n in sorted({1, o.cores})] + [(o.cores, "device")]
     log.start("batch sizes", len(o.batches))
     with ExitStack() as stack:
@@ -143,7 +143,7 @@ def scales(options: Options, results: Results, log: Log) -> None:
             )
             for n, what in players
         }
-        scaling.scale(crews, o.games, o.batches, turns, o.seed, log.into(results.scales))
+        scaling_batch.scale(crews, o.games, o.batches, turns, o.seed, log.into(results.scales))
 
 
 def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Results, log: Log) -> None:
@@ -180,7 +180,7 @@ def save_json(results: Results, folder: Path) -> Path:
 def save(results: Results, folder: Path) -> list[Path]:
     """Write the JSON and the pictures; return what was written."""
     file = save_json(results, folder)
-    drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling.png")]
+    drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling_batch.png")]
     return [file, *(picture for draw, picture in drawn if draw(results, picture))]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from benchmarks.crew import Engine
 from benchmarks.venvs import python_of
+from benchmarks.worker_pool import Engine
 
 STEPPING = "pymunk, Space.step alone"
 EPISODES = "pymunk, episodes"

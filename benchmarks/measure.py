@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from benchmarks.crew import Crew, Turn
-from benchmarks.work import Work
+from benchmarks.worker_pool import Crew, Turn
 from benchmarks.workers.protocol import Played
+from benchmarks.workload import Work
 
 MOST_REPEATS = 50
 

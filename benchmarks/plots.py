@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import iphyre_jax
 from benchmarks.engines import FLOAT32, FLOAT64, STEPPING
 from benchmarks.report import Results
-from benchmarks.work import MIXED
+from benchmarks.workload import MIXED
 
 GREY, BLUE, LIGHT = "0.6", "tab:blue", "tab:cyan"
 COLOURS = {FLOAT32: BLUE, FLOAT64: LIGHT}

@@ -16,15 +16,15 @@ from rich.console import Console
 from rich.table import Table
 
 import iphyre_jax
-from benchmarks.deciding import Deciding
+from benchmarks.decision_rate import Deciding
 from benchmarks.engines import STEPPING
-from benchmarks.growth import Growth
 from benchmarks.measure import Measurement, ratio
-from benchmarks.scaling import Scale
+from benchmarks.scaling_batch import Scale
+from benchmarks.scaling_size import Growth
 from benchmarks.startup import Startup
-from benchmarks.work import MIXED
+from benchmarks.workload import MIXED
 from iphyre_jax.execution.configuration import usable_cores
-from iphyre_jax.train.provenance import source_commit
+from iphyre_jax.provenance import source_commit
 
 SCHEMA = 2  # of the JSON file
 QUIET = 0.5  # load below which the machine counts as idle

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import IO, cast
 
 import iphyre_jax
-from benchmarks.crew import ROOT
-from benchmarks.work import MIXED
+from benchmarks.worker_pool import ROOT
+from benchmarks.workload import MIXED
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from benchmarks.crew import ROOT
+from benchmarks.worker_pool import ROOT
 
 FOLDER = ROOT / "build" / "benchmarks"
 STAMP = "requirements.txt"

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.reward import whole_fps
+from iphyre_jax.rules import whole_fps
 
 Rule = Literal["simulate", "in_advance"]
 

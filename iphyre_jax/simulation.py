@@ -14,10 +14,10 @@ from jax.sharding import Mesh
 
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import Share, agree, share_of
-from iphyre_jax.physics.broadphase import max_steps
-from iphyre_jax.plan_batch import ATTEMPTS, PlanBatch, Settings
-from iphyre_jax.reward import episode_reward
+from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
+from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rollouts import FAULT_OVERFLOW
+from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
 
 SceneLike = str | PathLike[str] | Scene

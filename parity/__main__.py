@@ -12,11 +12,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 import iphyre_jax
 from iphyre_jax.physics import Topology
-from iphyre_jax.scenes.build import topology_of
+from iphyre_jax.scenes.compile import topology_of
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
-from parity.report import circumstances, save
-from parity.tables import LEGEND, headline, screen_table, sections, verdict_line
+from parity.reports.report import circumstances, save
+from parity.reports.tables import LEGEND, headline, screen_table, sections, verdict_line
 
 PLAYS_A_TASK = 256  # two full chunks
 REPORT_WIDTH = 120  # columns, where the output is not a terminal

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from parity.engines.trajectory import Trajectory
 from parity.tolerances import IN_PLAY_CENTRE_X, IN_PLAY_MAX_DX, IN_PLAY_MAX_Y
-from parity.trajectory import Trajectory
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 import iphyre_jax
 from iphyre_jax import Scene
 from parity.compare import PlanComparison, compare_plans
+from parity.engines.trajectory import Trajectory
 from parity.plans import random_plans
-from parity.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "tests" / "parity" / "golden"
 PLANS = 3  # plan 0 removes nothing
@@ -43,7 +43,7 @@ class Golden:
 
 def record(scene: Scene) -> list[Golden]:
     """Play a game's plans in pymunk, at every rate."""
-    from parity.reference import run  # the only part that needs pymunk
+    from parity.engines.reference import run  # the only part that needs pymunk
 
     made = []
     for fps, every in EVERY.items():

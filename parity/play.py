@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 import iphyre_jax
 from iphyre_jax import Scene, Simulation
 from parity.compare import BIN, PlanComparison, compare_plans
-from parity.exceptions import Astray, astray, explain
+from parity.divergences import Astray, astray, explain
+from parity.engines.reference import run
+from parity.engines.trajectory import Trajectory
 from parity.plans import PlanSet, random_plans
-from parity.reference import run
 from parity.statistics import Pair, play_statistics
-from parity.trajectory import Trajectory
 
 DURATION = 15.0  # s, the length of an official play
 

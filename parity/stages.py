@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from parity import tolerances as tol
-from parity.lockstep import OurWorld, put_in
-from parity.reference import schedule
-from parity.trace import TracedWorld
-from parity.views import StepView, their_view
+from parity.engines.instrumented import OurWorld, put_in
+from parity.engines.reference import schedule
+from parity.engines.trace import TracedWorld
+from parity.engines.views import StepView, their_view
 
 Pair = tuple[int, int]
 

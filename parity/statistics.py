@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics.constants import BAR_MOMENT, GRAVITY, MASS
+from parity.engines.views import StepView
 from parity.stages import side_by_side
-from parity.views import StepView
 
 Floats = NDArray[np.float64]
 

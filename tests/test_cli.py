@@ -10,15 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax import GAMES, SPLITS, cli
+from iphyre_jax import GAMES, SPLITS
+from iphyre_jax.cli.main import run
 
 
 def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["games"]) == 0
+    assert run(["games"]) == 0
     out = capsys.readouterr().out
     for game in (*GAMES, *SPLITS["unseen_basic"]):
         assert game in out
-    assert cli.run(["games", "--split", "multi_ball"]) == 0
+    assert run(["games", "--split", "multi_ball"]) == 0
     out = capsys.readouterr().out
     assert "multi_ball_lever" in out
     assert "noisy_hole" not in out
@@ -27,7 +28,7 @@ def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
     """Support without its bars at 10 fps: 2.4 s and two removals, the best known plan, 977.6."""
     plan = ["--plan", "0.1", "0.2", "--fps", "10", "--rule", "in_advance", "--resets", "2"]
-    assert cli.run(["simulate", "support", *plan]) == 0
+    assert run(["simulate", "support", *plan]) == 0
     out = capsys.readouterr().out
     assert "block 0: before step 1 (0.100 s)" in out
     assert "support: solved after 24 steps (2.400 s)" in out
@@ -36,7 +37,7 @@ def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(["simulate", "support", "--plan", "never", "--fps", "10"]) == 0
+    assert run(["simulate", "support", "--plan", "never", "--fps", "10"]) == 0
     out = capsys.readouterr().out
     assert "block 0: never" in out
     assert "block 1: never" in out
@@ -72,7 +73,7 @@ def test_a_mistake_gets_one_line(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out = ["--out", str(tmp_path / "run")] if arguments[0] == "train" else []
-    assert cli.run([*arguments, *out]) == 2
+    assert run([*arguments, *out]) == 2
     printed = capsys.readouterr()
     assert printed.err.startswith("iphyre-jax: ")
     assert message in printed.err
@@ -92,7 +93,7 @@ def test_a_mistake_gets_one_line(
     ],
 )
 def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run(arguments) == 2
+    assert run(arguments) == 2
     printed = capsys.readouterr()
     assert message in printed.err
     assert not printed.out
@@ -100,12 +101,12 @@ def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pyt
 
 @pytest.mark.parametrize("command", ["train", "resume", "evaluate", "compare", "simulate", "games"])
 def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.run([command, "--help"]) == 0
+    assert run([command, "--help"]) == 0
     assert f"usage: iphyre-jax {command}" in capsys.readouterr().out
 
 
 def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith(("iphyre_jax.commands", "tyro"))]:
+    for name in [name for name in sys.modules if name.startswith(("iphyre_jax.cli.app", "tyro"))]:
         monkeypatch.delitem(sys.modules, name)
     real = builtins.__import__
 
@@ -121,7 +122,7 @@ def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatc
         return real(name, names, local, wanted or (), level)
 
     monkeypatch.setattr(builtins, "__import__", without_tyro)
-    assert cli.run(["games"]) == 2
+    assert run(["games"]) == 2
     message = capsys.readouterr().err
     assert message == (
         "iphyre-jax: this command needs the extra 'train' (tyro is missing): pip install 'iphyre-jax[train]'\n"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import GAMES, SPLITS, load_scene
-from iphyre_jax.env import action_to_times, load_scenes, observation_table, play
-from iphyre_jax.observe import candidate_mask, object_rows, observation, scene_features, start_observation
-from iphyre_jax.reward import episode_reward
+from iphyre_jax.envs.in_advance import action_to_times, load_scenes, observation_table, play
+from iphyre_jax.observations.official import candidate_mask, object_rows, observation, scene_features, start_observation
+from iphyre_jax.rules import episode_reward
 
 STILL = np.zeros(12)
 

@@ -16,33 +16,26 @@ PACKAGE = Path(iphyre_jax.__file__).parent
 
 # Every part may import those before it, never one after it. A new part takes its place here.
 PARTS = (
+    "rules",
     "physics",
     "scenes",
     "rollouts",
-    "reward",
     "plans",
-    "observe",
     "execution",
-    "prefixes",
-    "plan_batch",
+    "provenance",
     "simulation",
-    "env",
-    "drawing",
+    "observations",
     "envs",
     "adapters",
     "compat",
     "train",
     "viewer",
-    "scene_commands",
-    "viewer_commands",
-    "train_commands",
-    "commands",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
-ABOVE_THE_CORE = {"train", "scene_commands", "viewer_commands", "train_commands", "commands", "cli"}
+ABOVE_THE_CORE = {"train", "cli"}
 ADAPTED = {"gymnasium", "brax"}
 
 

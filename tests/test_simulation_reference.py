@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from iphyre_jax import Scene, load_scene, simulate
-from parity.reference import run
+from parity.engines.reference import run
 
 CLOSE = 1e-6  # px and rad, float64
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.workers.protocol import Job, Played, removed_before, reward, serve
 from iphyre_jax.scenes import scene_from_dict
-from parity.reference import ReferenceWorld, schedule
+from parity.engines.reference import ReferenceWorld, schedule
 
 MODES = ("stepping", "episodes")
 

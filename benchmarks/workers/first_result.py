@@ -5,7 +5,7 @@ import sys
 import numpy as np
 
 import iphyre_jax
-from benchmarks.work import DURATION, make_work
+from benchmarks.workload import DURATION, make_work
 
 
 def main(cache: str, batch: int, games: list[str]) -> None:

@@ -10,11 +10,11 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.drawing import draw
 from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
 from iphyre_jax.envs.core import Environment
-from iphyre_jax.envs.images import drawing_of
 from iphyre_jax.envs.spaces import Discrete, Space
+from iphyre_jax.observations.drawing import draw
+from iphyre_jax.observations.images import drawing_of
 
 RENDER_SIZE = 600  # px
 SEEDS = 2**31  # of the keys drawn from an environment's generator

@@ -9,11 +9,11 @@ from itertools import count, islice
 
 import numpy as np
 
-from iphyre_jax.execution.executables import executable
+from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import Score, clock, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
-from iphyre_jax.scenes.build import build, timing
+from iphyre_jax.scenes.compile import build, timing
 
 FPS = 60
 DTYPE = "float64"

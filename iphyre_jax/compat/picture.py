@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.compat.world import SteppedWorld
-from iphyre_jax.drawing import Drawing, colours, draw, painting_order
+from iphyre_jax.observations.drawing import Drawing, colours, draw, painting_order
 
 SIZE = 600  # px
 

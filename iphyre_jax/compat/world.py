@@ -10,17 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.stretches import Stretch, play_lanes
+from iphyre_jax.envs.batching.stretches import Stretch, play_lanes
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.executables import executable
+from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import clock, progress_layout, world_layout
-from iphyre_jax.observe import object_rows, scene_features
+from iphyre_jax.observations.official import object_rows, scene_features
 from iphyre_jax.physics import eliminate
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import Progress, begin
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes.compile import timing
 
 DTYPE = "float64"
 NO_SLOT = -2  # bars that no slot removes have column -1
@@ -33,7 +33,7 @@ class OfficialStep:
     The official class never refuses a step.
     """
 
-    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "envs/stretches.py", "compat/world.py")
+    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "envs/batching/stretches.py", "compat/world.py")
 
     topology: Topology
 

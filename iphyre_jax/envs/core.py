@@ -18,18 +18,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from iphyre_jax.envs.features import motion_size, rows_size
-from iphyre_jax.envs.host_worlds import HostWorlds
-from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.batching.host_worlds import HostWorlds
+from iphyre_jax.envs.batching.status import Status
+from iphyre_jax.envs.batching.traced_worlds import TracedWorlds
+from iphyre_jax.envs.episode_timing import Protocol
 from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, Worlds
-from iphyre_jax.envs.protocols import Protocol
 from iphyre_jax.envs.spaces import Box, Space
-from iphyre_jax.envs.status import Status
 from iphyre_jax.envs.strategies import Ending, Strategy
-from iphyre_jax.envs.traced_worlds import TracedWorlds
 from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.observations.features import motion_size, rows_size
+from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.reward import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
+from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.scenes import Limits, Scene, load_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 
@@ -216,7 +216,7 @@ class Environment:
         """Return an observation: the numbers seen, or a picture."""
         if self.observation != "image" and seen is not None:
             return seen
-        from iphyre_jax.envs.images import image
+        from iphyre_jax.observations.images import image
 
         return image(*self.worlds.pose(params, state), self.image_size)
 

@@ -12,12 +12,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
-from iphyre_jax.envs.observations import ObservationName
 from iphyre_jax.envs.params import SceneLike
 from iphyre_jax.envs.registry import environment_of
-from iphyre_jax.envs.unrolling import ActingPolicy, Batch, Steps, unroll
-from iphyre_jax.reward import episode_reward
+from iphyre_jax.observations.vectors import ObservationName
+from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, load_scenes
 
 Policy = Callable[[jax.Array, jax.Array], jax.Array]

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import jax
 
-from iphyre_jax.envs.features import Features, Pose
-from iphyre_jax.envs.observations import ObservationName
-from iphyre_jax.envs.protocols import Protocol
-from iphyre_jax.envs.status import Status
+from iphyre_jax.envs.batching.status import Status
+from iphyre_jax.envs.episode_timing import Protocol
+from iphyre_jax.observations.features import Features, Pose
+from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.scenes import Limits, Scene
 

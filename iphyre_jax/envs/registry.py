@@ -7,12 +7,12 @@ from difflib import get_close_matches
 from typing import Final, get_args
 
 from iphyre_jax.envs.core import BackendName, Environment
-from iphyre_jax.envs.observations import ObservationName
+from iphyre_jax.envs.episode_timing import Protocol, protocol_named
 from iphyre_jax.envs.params import EnvParams, SceneLike
-from iphyre_jax.envs.protocols import Protocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
+from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scenes
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules

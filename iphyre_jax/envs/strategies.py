@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.protocols import FRAMES, Protocol
+from iphyre_jax.envs.episode_timing import FRAMES, Protocol
 from iphyre_jax.envs.spaces import Box, Discrete, Space
 from iphyre_jax.physics import lanes
 from iphyre_jax.scenes import MAX_ELIMINABLE

@@ -14,8 +14,8 @@ from iphyre_jax.execution.layout import Words, filled
 from iphyre_jax.execution.programs import SPARE, world_layout
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import MAX_ELIMINABLE
-from iphyre_jax.scenes.build import build
-from iphyre_jax.scenes.schema import Scene
+from iphyre_jax.scenes.compile import build
+from iphyre_jax.scenes.scene import Scene
 
 SCENES_KEPT: Final = 4096  # compiled scenes; some kilobytes each
 

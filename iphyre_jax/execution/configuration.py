@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
-from iphyre_jax.execution.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
+from iphyre_jax.execution.compilation.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
 
 SHORTEST_COMPILATION = 0.1  # s: quicker ones are not worth a file; JAX's own limit, 1 s, leaves out many of ours
 DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"

@@ -19,8 +19,8 @@ import numpy.typing as npt
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, PartitionSpec
 
-from iphyre_jax.execution.client import Arrays
-from iphyre_jax.execution.executables import Run, executable
+from iphyre_jax.execution.compilation.client import Arrays
+from iphyre_jax.execution.compilation.executables import Run, executable
 from iphyre_jax.execution.programs import Program, progress_layout
 from iphyre_jax.physics.types import Topology
 

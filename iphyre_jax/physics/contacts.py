@@ -2,7 +2,7 @@
 
 Candidate pairs are those whose exact boxes overlap in at least one lane; the loops below visit only these, so a world
 pays for what it and its neighbours touch. Touching points take the next free slot of their lane; at the end the slots
-are put in order by their keys (see `broadphase.order`).
+are put in order by their keys (see `broad_phase.order`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.physics import broadphase, gjk, lanes, shapes
-from iphyre_jax.physics.narrowphase import Touch, circle_circle, circle_segment, segment_segment
+from iphyre_jax.physics import broad_phase, gjk, lanes, shapes
+from iphyre_jax.physics.narrow_phase import Touch, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.shapes import Ball, Bar, Shapes
 from iphyre_jax.physics.types import Box, BroadPhase, Segment, Topology, World
 from iphyre_jax.physics.vector import Vec, dot
@@ -98,7 +98,7 @@ def collide(
 
     Last is the new value of `side`, see `State.side`.
     """
-    order = broadphase.order(topology, world, broad)
+    order = broad_phase.order(topology, world, broad)
     slots, none = _empty(topology.slots, shape.balls[0, 0]), side[:0]
     for kind in (_ball_bar(topology, shape, order), _ball_ball(topology, shape, order)):
         if kind is not None:
@@ -115,7 +115,7 @@ def collide(
     return _in_order(slots), slots.total, side
 
 
-def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind:
+def _ball_bar(topology: Topology, shape: Shapes, order: broad_phase.Order) -> _Kind:
     m, pairs = topology.bars, topology.ball_bar_pairs
 
     def touch(ball_row: jax.Array, bar_row: jax.Array, *_: jax.Array | None) -> Touches:
@@ -125,13 +125,13 @@ def _ball_bar(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Ki
 
     keys = []
     for ball in range(topology.balls):
-        near = broadphase.overlap(_rows(shape.ball_box, ball, ball + 1), shape.bar_box) & shape.alive
+        near = broad_phase.overlap(_rows(shape.ball_box, ball, ball + 1), shape.bar_box) & shape.alive
         keys.append(jnp.where(near, order.of(topology, m + ball, range(m)), KEY_NONE))
     bodies = tuple((m + i, j if j < m else STATIC_BODY) for i, j in pairs)
     return _Kind(pairs, bodies, 0, jnp.concatenate(keys)[:, None], (shape.balls, shape.bars), touch)
 
 
-def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _Kind | None:
+def _ball_ball(topology: Topology, shape: Shapes, order: broad_phase.Order) -> _Kind | None:
     m, pairs = topology.bars, topology.ball_pairs
     if not pairs:
         return None
@@ -144,7 +144,7 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _K
     keys, first_is_a = [], []
     for i, j in pairs:
         pair = topology.pairs.index((m + i, m + j))
-        near = broadphase.overlap(*(_rows(shape.ball_box, k, k + 1) for k in (i, j)))
+        near = broad_phase.overlap(*(_rows(shape.ball_box, k, k + 1) for k in (i, j)))
         keys.append(jnp.where(near[0], order.moving[pair], KEY_NONE))
         first_is_a.append(order.low_is_a[pair])
     info = [jnp.stack(keys), jnp.stack(first_is_a).astype(jnp.int32)]
@@ -154,7 +154,7 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broadphase.Order) -> _K
 
 
 def _bar_bar(
-    topology: Topology, world: World, shape: Shapes, broad: BroadPhase, order: broadphase.Order
+    topology: Topology, world: World, shape: Shapes, broad: BroadPhase, order: broad_phase.Order
 ) -> _Kind | None:
     m, pairs = topology.bars, topology.bar_pairs
     if not pairs:
@@ -168,7 +168,7 @@ def _bar_bar(
     keys = []
     for bar in range(m):
         others = range(bar + 1, m)
-        near = broadphase.overlap(_rows(shape.bar_box, bar, bar + 1), _rows(shape.bar_box, bar + 1, None))
+        near = broad_phase.overlap(_rows(shape.bar_box, bar, bar + 1), _rows(shape.bar_box, bar + 1, None))
         keys.append(jnp.where(near & shape.alive[bar + 1 :], order.of(topology, bar, others), KEY_NONE))
     info = [
         jnp.concatenate(keys),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import joints, lanes
 from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTION, SLOP, SWEEPS
-from iphyre_jax.physics.contact_point import (
+from iphyre_jax.physics.contact_rows import (
     Arm,
     Contact,
     Form,

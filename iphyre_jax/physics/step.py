@@ -7,7 +7,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import broadphase, contacts, joints, shapes, solver
+from iphyre_jax.physics import broad_phase, contacts, joints, shapes, solver
 from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
 
@@ -47,7 +47,7 @@ def initial_state(topology: Topology, world: World) -> State:
         overflow=jnp.zeros(lane, bool),
     )
     boxes = shapes.moving_boxes(topology, shapes.world_shapes(topology, world, state))
-    fat = broadphase.grow(boxes, at_rest)
+    fat = broad_phase.grow(boxes, at_rest)
     return replace(state, broad=replace(blank, fat=fat))
 
 
@@ -97,7 +97,7 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     state = integrate_positions(state, timing)
     shape = shapes.world_shapes(topology, world, state)
     boxes = shapes.moving_boxes(topology, shape)
-    broad = broadphase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
+    broad = broad_phase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
     points, touching, side = contacts.collide(topology, world, shape, broad, state.side)
     used = jnp.minimum(jnp.max(touching), topology.slots)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
-from iphyre_jax.scenes.schema import Scene
+from iphyre_jax.scenes.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,16 +5,16 @@ import os
 from pathlib import Path
 from typing import Final, NoReturn
 
-from iphyre_jax.scenes.convert import scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.codec import scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.errors import one_line, show
 from iphyre_jax.scenes.limits import MAX_FILE_BYTES, Limits
-from iphyre_jax.scenes.messages import one_line, show
-from iphyre_jax.scenes.schema import Scene
+from iphyre_jax.scenes.scene import Scene
 
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Scene:
-    """Read and validate a scene file (see `iphyre_jax.scenes.convert` for its form).
+    """Read and validate a scene file (see `iphyre_jax.scenes.codec` for its form).
 
     Args:
         path: the file.

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.scenes.messages import one_line
-from iphyre_jax.scenes.schema import Scene
+from iphyre_jax.scenes.errors import one_line
+from iphyre_jax.scenes.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 

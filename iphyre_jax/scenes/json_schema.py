@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from iphyre_jax.scenes.convert import SCENE_SCHEMA, SCENE_VERSION
+from iphyre_jax.scenes.codec import SCENE_SCHEMA, SCENE_VERSION
 from iphyre_jax.scenes.limits import (
     MAX_COORDINATE,
     MAX_ELIMINABLE,

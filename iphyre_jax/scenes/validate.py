@@ -8,9 +8,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from iphyre_jax.scenes.forms import OPTIONAL, REQUIRED, Draft, Pair, read_draft
+from iphyre_jax.scenes.errors import refuse
 from iphyre_jax.scenes.limits import MAX_MOVING, MIN_LENGTH, Limits
-from iphyre_jax.scenes.messages import refuse
+from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED, Draft, Pair, read_draft
 
 Labels = Mapping[str, str]
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from iphyre_jax.scenes.geometry import FRAME, TOLERANCE, Floats, Layouts, gaps, outside
 from iphyre_jax.scenes.limits import MIN_LENGTH
-from iphyre_jax.scenes.schema import Scene
+from iphyre_jax.scenes.scene import Scene
 
 SOUND: Final = ""
 _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis

@@ -18,15 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.env import observation_table, play
 from iphyre_jax.envs.core import Environment, Info
+from iphyre_jax.envs.episode_timing import FRAMES
+from iphyre_jax.envs.episode_timing import Protocol as Timing
+from iphyre_jax.envs.in_advance import observation_table, play
 from iphyre_jax.envs.params import EnvParams, EnvState
-from iphyre_jax.envs.protocols import FRAMES
-from iphyre_jax.envs.protocols import Protocol as Timing
 from iphyre_jax.envs.registry import environment_of
-from iphyre_jax.reward import episode_reward
+from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
-from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig
 
 LOOK_EVERY = 10  # decisions between looks at whether everything is over, on the fly
 DECISIONS = {"on-the-fly": FRAMES, "combined": MAX_ELIMINABLE + 1}  # at most; each combined one but the last removes

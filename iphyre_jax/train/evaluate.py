@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.env import action_to_times, observation_table
+from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.algorithms import State, algorithm
+from iphyre_jax.train.algos.registry import State, algorithm
 from iphyre_jax.train.collect import Decision, Played, collector
-from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.observations import slot_mask
+from iphyre_jax.train.settings.run import TrainConfig
 
 SCHEMA = "iphyre_jax/evaluation"
 VERSION = 2

@@ -13,10 +13,11 @@ from typing import NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from iphyre_jax.train import checkpoint, runs, trainer
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.curve import draw_curve
-from iphyre_jax.train.logs import Log
+from iphyre_jax.train import trainer
+from iphyre_jax.train.reports.curve import draw_curve
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import checkpoint, runs
+from iphyre_jax.train.storage.logs import Log
 from iphyre_jax.train.trainer import Line, RunState, Trainer
 
 

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.env import observation_table
-from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE
+from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.envs.strategies import STRATEGIES, StrategyName
+from iphyre_jax.observations.features import MOTION_SIZE, ROWS_SIZE
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
 SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene, vary
-from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig
 
 GROUP: Final = 32  # episodes of one variation that are compared with one another
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by

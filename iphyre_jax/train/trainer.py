@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from iphyre_jax.train.algorithms import algorithm, init
+from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import Decision, collector
-from iphyre_jax.train.config import TrainConfig
 from iphyre_jax.train.scenes import training_scenes
+from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("update", "episodes", "decisions", "reward", "success", "greedy_reward", "faults")
 CLOCKS = ("seconds", "play_seconds", "learn_seconds")  # the only columns that differ between runs of one seed

@@ -13,7 +13,7 @@ from typing import IO, Final, cast
 import numpy as np
 from PIL import Image
 
-from iphyre_jax.scenes.messages import one_line
+from iphyre_jax.scenes.errors import one_line
 from iphyre_jax.viewer.frames import Frame, Look, Plays, frames, still
 from iphyre_jax.viewer.recording import Recording
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from iphyre_jax.scenes.messages import one_line
+from iphyre_jax.scenes.errors import one_line
 from iphyre_jax.viewer.painter import FINE, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme

@@ -1,7 +1,8 @@
 """Pictures of one frame with Pillow: fast enough for films, and with text.
 
-`iphyre_jax.drawing` draws in JAX, for observations inside compiled code. This one draws the same marks four times as
-large in area and shrinks the result, keeps what rests from frame to frame, and knows themes, trails and labels.
+`iphyre_jax.observations.drawing` draws in JAX, for observations inside compiled code. This one draws the same marks
+four times as large in area and shrinks the result, keeps what rests from frame to frame, and knows themes, trails and
+labels.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from iphyre_jax import drawing
+from iphyre_jax.observations import drawing
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.themes import Colour, Theme

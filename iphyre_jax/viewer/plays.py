@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from iphyre_jax.reward import whole_fps
+from iphyre_jax.rules import whole_fps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
-from iphyre_jax.scenes.convert import check_object
+from iphyre_jax.scenes.codec import check_object
+from iphyre_jax.scenes.errors import one_line, refuse, show
 from iphyre_jax.scenes.files import parse_json
 from iphyre_jax.scenes.limits import MAX_NAME
-from iphyre_jax.scenes.messages import one_line, refuse, show
 from iphyre_jax.viewer.recording import Recording, record
 
 SCHEMA: Final = "iphyre_jax/play"

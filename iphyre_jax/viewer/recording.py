@@ -17,14 +17,14 @@ import numpy.typing as npt
 from iphyre_jax import rollouts
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.executables import executable
+from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.physics import contacts, shapes
-from iphyre_jax.physics.broadphase import max_steps
+from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
-from iphyre_jax.reward import episode_reward, whole_fps
+from iphyre_jax.rules import episode_reward, whole_fps
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.build import timing
+from iphyre_jax.scenes.compile import timing
 
 Floats = npt.NDArray[np.floating[Any]]
 

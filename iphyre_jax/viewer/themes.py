@@ -2,7 +2,7 @@
 
 `modern` and its dark counterpart tell the kinds of objects apart by lightness and by the pair blue and orange, which
 every common form of colour blindness leaves apart (Okabe and Ito's palette; `tests/viewer/test_themes.py` measures
-it). `official` has the colours of the official class, from `iphyre_jax.drawing`.
+it). `official` has the colours of the official class, from `iphyre_jax.observations.drawing`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Final
 
-from iphyre_jax import drawing
+from iphyre_jax.observations import drawing
 
 Colour = tuple[int, int, int]
 

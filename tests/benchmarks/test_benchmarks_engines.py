@@ -7,12 +7,12 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.crew import Crew, Engine
 from benchmarks.measure import compare, ratio
-from benchmarks.work import make_work
+from benchmarks.worker_pool import Crew, Engine
 from benchmarks.workers.bare_pymunk import BarePymunk
 from benchmarks.workers.ours import Ours
 from benchmarks.workers.protocol import Job, Played, Player
+from benchmarks.workload import make_work
 
 PYMUNK = (sys.executable, "-m", "benchmarks.workers.bare_pymunk")
 

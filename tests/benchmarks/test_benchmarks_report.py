@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from benchmarks import __main__ as command
-from benchmarks import growth, plots, report, scaling, venvs
-from benchmarks.deciding import Deciding
+from benchmarks import plots, report, scaling_batch, scaling_size, venvs
+from benchmarks.decision_rate import Deciding
 from benchmarks.engines import FLOAT32, STEPPING
 from benchmarks.measure import Measurement
 from benchmarks.startup import Startup, one_for_each_size
@@ -33,14 +33,16 @@ def results() -> report.Results:
         ]
     found.startups = [Startup("hole", 1, 1024, 5.0, 2.0, (6.0, 2.5))]
     found.scales = [
-        scaling.Scale(64, players, measurement(FLOAT32, "mixed", (seconds,)))
+        scaling_batch.Scale(64, players, measurement(FLOAT32, "mixed", (seconds,)))
         for players, seconds in (("1 thread", 1.0), ("2 devices", 0.5))
     ]
-    found.growths = [growth.Growth("objects", 3, measurement(FLOAT32, "shelf", (1.0,)))]
+    found.growths = [scaling_size.Growth("objects", 3, measurement(FLOAT32, "shelf", (1.0,)))]
     turns = {"simulate": [(1.0, 2.0)] * 2, "reads": [(1.0, 2.5)] * 2, "keeps": [(4.0, 8.0)] * 2}
     turns["scan"] = [(2.0, 4.0)] * 2
     found.decisions = [Deciding("hole", 10, 1024, dict.fromkeys(turns, 2_000_000), 1.0, turns, 0.8)]
-    found.bytes_a_world = {"hole": {dtype: scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64")}}
+    found.bytes_a_world = {
+        "hole": {dtype: scaling_batch.carried_bytes("hole", dtype) for dtype in ("float32", "float64")}
+    }
     return found
 
 
@@ -74,7 +76,11 @@ def test_a_busy_machine_is_told() -> None:
 
 
 def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
-    assert [file.name for file in command.save(results, tmp_path)] == ["benchmarks.json", "engines.png", "scaling.png"]
+    assert [file.name for file in command.save(results, tmp_path)] == [
+        "benchmarks.json",
+        "engines.png",
+        "scaling_batch.png",
+    ]
     assert (tmp_path / "engines.png").read_bytes().startswith(b"\x89PNG")
     nothing = report.Results({})
     assert not plots.bars(nothing, tmp_path / "none.png")
@@ -82,20 +88,22 @@ def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
 
 
 def test_state_is_counted_in_bytes() -> None:
-    single, double = (scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64"))
+    single, double = (scaling_batch.carried_bytes("hole", dtype) for dtype in ("float32", "float64"))
     assert 0 < single < double < 2 * single
-    assert single < scaling.carried_bytes("multi_ball_stack", "float32")
+    assert single < scaling_batch.carried_bytes("multi_ball_stack", "float32")
 
 
 def test_every_game_carries_at_most_2_kb_a_world_in_float32() -> None:
-    assert {game: size for game in GAMES if (size := scaling.carried_bytes(game, "float32")) > 2048} == {}
+    assert {game: size for game in GAMES if (size := scaling_batch.carried_bytes(game, "float32")) > 2048} == {}
 
 
 def test_what_grows_grows_alone() -> None:
-    rows = growth.sizes()
+    rows = scaling_size.sizes()
     assert [scene.n_objects for what, _, scene, _ in rows if what == "objects"] == list(range(3, 13))
     assert [int(scene.dynamic.sum()) for what, _, scene, _ in rows if what == "moving bodies"] == list(range(1, 7))
-    assert [round(seconds * growth.FPS) for what, _, _, seconds in rows if what == "steps"] == list(growth.STEPS)
+    assert [round(seconds * scaling_size.FPS) for what, _, _, seconds in rows if what == "steps"] == list(
+        scaling_size.STEPS
+    )
     assert {int(scene.dynamic.sum()) for what, _, scene, _ in rows if what != "moving bodies"} == {1}
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.work import MIXED, make_work
 from benchmarks.workers.protocol import Job
+from benchmarks.workload import MIXED, make_work
 from iphyre_jax import GAMES, load_scene
 from iphyre_jax.scenes import scene_from_dict
 from parity.plans import random_plans

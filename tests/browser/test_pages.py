@@ -19,13 +19,13 @@ from iphyre_jax import GAMES, SceneBuilder, evaluate, load_scene, make, register
 from iphyre_jax.scenes import read_scene
 from iphyre_jax.viewer.films import save
 from iphyre_jax.viewer.frames import Look
+from iphyre_jax.viewer.load_plays import best_plays
 from iphyre_jax.viewer.page import replay_page, write_replay
 from iphyre_jax.viewer.play.api import Api
 from iphyre_jax.viewer.play.server import PlayServer
 from iphyre_jax.viewer.play.session import Session
 from iphyre_jax.viewer.plays import read_plays
 from iphyre_jax.viewer.recording import Recording, record
-from iphyre_jax.viewer.sources import best_plays
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

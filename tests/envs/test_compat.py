@@ -11,8 +11,8 @@ import pytest
 
 from iphyre_jax import load_scene
 from iphyre_jax.compat import GAMES, IPHYRE, MAX_ELI_OBJ_NUM, MAX_OBJ_NUM, PARAS, generate_actions
-from iphyre_jax.observe import object_rows, scene_features
-from parity.reference import ReferenceWorld
+from iphyre_jax.observations.official import object_rows, scene_features
+from parity.engines.reference import ReferenceWorld
 
 
 def test_names_of_the_games_module() -> None:

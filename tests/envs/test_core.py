@@ -13,11 +13,11 @@ import pytest
 
 import iphyre_jax
 from iphyre_jax import load_scene, make
-from iphyre_jax.envs.status import status_words
+from iphyre_jax.envs.batching.status import status_words
 from iphyre_jax.envs.strategies import STRATEGIES
 from iphyre_jax.execution.programs import progress_layout
-from iphyre_jax.observe import start_observation
-from iphyre_jax.scenes.build import build
+from iphyre_jax.observations.official import start_observation
+from iphyre_jax.scenes.compile import build
 
 BATCH = 8
 

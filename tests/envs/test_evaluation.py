@@ -10,7 +10,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax import SPLITS, evaluate, make
 from iphyre_jax.adapters import FiveValues
-from iphyre_jax.env import play
+from iphyre_jax.envs.in_advance import play
 
 
 def nothing(key: jax.Array, seen: jax.Array) -> jax.Array:

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, make
-from iphyre_jax.envs.protocols import PROTOCOLS
+from iphyre_jax.envs.episode_timing import PROTOCOLS
 from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, instants
-from iphyre_jax.observe import object_rows, scene_features
-from parity.drivers import DRIVERS, combined, random_actions
-from parity.environments import replay
-from parity.reference import ReferenceWorld
+from iphyre_jax.observations.official import object_rows, scene_features
+from parity.engines.reference import ReferenceWorld
+from parity.official.drivers import DRIVERS, combined, random_actions
+from parity.official.environments import replay
 
 OFFICIAL = PROTOCOLS["official"]
 FREE = jnp.zeros(6, bool)

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from iphyre_jax.execution import configuration, executables
+from iphyre_jax.execution import configuration
+from iphyre_jax.execution.compilation import executables
 
 
 @pytest.fixture

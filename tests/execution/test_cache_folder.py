@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax.execution.cache_folder import (
+from iphyre_jax.execution.compilation.cache_folder import (
     KEEP_DAYS,
     claimed,
     entry_path,
@@ -83,7 +83,7 @@ def test_entries_that_nobody_reads_go(entry: Path) -> None:
 CLAIM = """
 import sys, time
 from pathlib import Path
-from iphyre_jax.execution.cache_folder import claimed, write_entry
+from iphyre_jax.execution.compilation.cache_folder import claimed, write_entry
 path = Path(sys.argv[1])
 with claimed(path) as is_mine:
     print(is_mine, flush=True)

@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import Simulation, simulate, simulate_many
-from iphyre_jax.execution import compiler, configuration, executables
-from iphyre_jax.execution.cache_folder import write_entry
+from iphyre_jax.execution import configuration
+from iphyre_jax.execution.compilation import compiler, executables
+from iphyre_jax.execution.compilation.cache_folder import write_entry
 
 
 @pytest.fixture(params=[False, True], ids=["x64 off", "x64 on"])

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import iphyre_jax
-from iphyre_jax.execution.cache_folder import private_folder
+from iphyre_jax.execution.compilation.cache_folder import private_folder
 
 PLAY = """
 scene = iphyre_jax.load_scene("hole")

@@ -18,7 +18,7 @@ from iphyre_jax import simulate, simulate_many
 from iphyre_jax.execution import devices
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / "docs" / "two_processes.py"
+EXAMPLE = ROOT / "examples" / "two_processes.py"
 # A spring's damping is two numbers, one for each kind of its ends: not lanes, though there are two devices.
 CASES = (("spring", "float32"), ("hole", "float64"))
 PLAY = """

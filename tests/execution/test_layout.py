@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.execution.description import describe, from_description
+from iphyre_jax.execution.compilation.description import describe, from_description
 from iphyre_jax.execution.programs import Score, world_layout
-from iphyre_jax.scenes.build import build
+from iphyre_jax.scenes.compile import build
 
 
 def assert_same(one: Any, other: Any) -> None:

@@ -9,15 +9,15 @@ import pytest
 
 from iphyre_jax import load_scene
 from parity.compare import PlanComparison, binned, compare_plans, in_play, play_errors
-from parity.exceptions import explain
+from parity.divergences import explain
+from parity.engines.trajectory import Trajectory
 from parity.plans import random_plans
 from parity.play import GameResult, play_reference
-from parity.report import as_json, markdown
-from parity.summary import summarise
-from parity.tables import cells, sections, verdict_line
+from parity.reports.report import as_json, markdown
+from parity.reports.summary import summarise
+from parity.reports.tables import cells, sections, verdict_line
+from parity.reports.verdict import missed_targets
 from parity.tolerances import SHARE_LIMITS, TARGETS
-from parity.trajectory import Trajectory
-from parity.verdict import missed_targets
 
 SCENE = load_scene("hole")
 PLANS = random_plans(SCENE, 8, 10, seed=2)

@@ -9,7 +9,7 @@ import pytest
 
 from iphyre_jax import GAMES, SPLITS, load_scene
 from parity import golden
-from parity.summary import summarise
+from parity.reports.summary import summarise
 from parity.tolerances import GOLDEN_IDENTICAL
 
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from parity.charts import log_height, sparkline
 from parity.compare import compare_plans
-from parity.exceptions import Astray
-from parity.page import median_course, page
+from parity.divergences import Astray
 from parity.plans import random_plans
 from parity.play import GameResult, Worst, as_played, play_reference
+from parity.reports.charts import log_height, sparkline
+from parity.reports.page import median_course, page
+from parity.reports.tables import sections
 from parity.stages import Divergence
 from parity.statistics import Pair, Statistics
-from parity.tables import sections
 
 SCENE = load_scene("hole")
 PLANS = random_plans(SCENE, 5, 10, seed=2)

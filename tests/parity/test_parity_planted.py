@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.physics import broadphase, contacts, lanes, solver
-from iphyre_jax.scenes import build
-from parity import lockstep, views
+from iphyre_jax.physics import broad_phase, contacts, lanes, solver
+from iphyre_jax.scenes import compile as scene_compiler
+from parity.engines import instrumented, views
 from parity.plans import random_plans
 from parity.stages import Divergence, first_divergence
 
@@ -43,18 +43,18 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
 
 def order_by_index(patch: pytest.MonkeyPatch) -> None:
     """Pairs are solved by the indices of their bodies."""
-    right = broadphase.order
+    right = broad_phase.order
 
-    def order(topology: Any, world: Any, broad: Any) -> broadphase.Order:
-        bits = broadphase.Counters(topology.moving).inner_bits
+    def order(topology: Any, world: Any, broad: Any) -> broad_phase.Order:
+        bits = broad_phase.Counters(topology.moving).inner_bits
         place = lanes.iota(topology.statics, broad.path[0])
         static = jnp.stack([((body << bits) | place) << 1 for body in range(topology.moving)])
         other = [
-            jnp.full_like(broad.path[0], ((i << bits) | (broadphase.STATIC_RANKS + j)) << 1) for i, j in topology.pairs
+            jnp.full_like(broad.path[0], ((i << bits) | (broad_phase.STATIC_RANKS + j)) << 1) for i, j in topology.pairs
         ]
         return replace(right(topology, world, broad), static=static, moving=tuple(other))
 
-    patch.setattr(broadphase, "order", order)
+    patch.setattr(broad_phase, "order", order)
 
 
 def no_copied_unapplied_impulses(patch: pytest.MonkeyPatch) -> None:
@@ -64,7 +64,7 @@ def no_copied_unapplied_impulses(patch: pytest.MonkeyPatch) -> None:
 
 def no_clash_of_ids(patch: pytest.MonkeyPatch) -> None:
     """Each point has an identity of its own, although the reference's hashes of two agree."""
-    patch.setattr(build, "point_classes", lambda first, second: np.arange(4, dtype=np.int32))
+    patch.setattr(scene_compiler, "point_classes", lambda first, second: np.arange(4, dtype=np.int32))
 
 
 PLANTED: tuple[tuple[Callable[[pytest.MonkeyPatch], None], str, int, str], ...] = (
@@ -93,9 +93,9 @@ def test_a_planted_error_is_caught_in_its_stage(
     plant: Callable[[pytest.MonkeyPatch], None], game: str, fps: int, stage: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if plant is not no_clash_of_ids:  # which is data of a world, not part of the compiled step
-        step = lockstep.staged_step.__wrapped__
+        step = instrumented.staged_step.__wrapped__
         anew = jax.jit(lambda *arguments: step(*arguments), static_argnums=0)
-        monkeypatch.setattr(lockstep, "staged_step", anew)
+        monkeypatch.setattr(instrumented, "staged_step", anew)
     plant(monkeypatch)
     divergence = found(game, fps)
     assert divergence is not None

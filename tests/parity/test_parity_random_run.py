@@ -1,4 +1,4 @@
-"""``python -m parity.random_run``: a run that was killed goes on where it was, and ends with the same report."""
+"""``python -m parity.fuzz.random_run``: a run that was killed goes on where it was, and ends with the same report."""
 
 import json
 from pathlib import Path
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from parity import random_run
 from parity.compare import compare_plans
-from parity.exceptions import Astray
+from parity.divergences import Astray
+from parity.fuzz import random_run
+from parity.fuzz.random_scenes import random_scene
 from parity.play import GameResult, as_played, play_reference
-from parity.random_scenes import random_scene
 from parity.stages import Divergence
 
 SMALL = ["--scenes", "2", "--plans", "2", "--fps", "10", "--workers", "1", "--duration", "3"]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import GAMES, Scene, load_scene
+from parity.engines.reference import ReferenceWorld, run
+from parity.engines.trace import TracedWorld
 from parity.plans import random_plans
-from parity.reference import ReferenceWorld, run
-from parity.trace import TracedWorld
 
 NEVER = np.array([-1] * 6)
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from iphyre_jax import Scene, load_scene
-from iphyre_jax.scenes.build import topology_of
+from iphyre_jax.scenes.compile import topology_of
 from parity.compare import PlanComparison, compare_plans
+from parity.fuzz.random_scenes import TEMPLATES, random_scene
+from parity.fuzz.regressions import Case, read_case, write_case
+from parity.fuzz.shrink import shrink
 from parity.play import DURATION, Task, play_ours, play_reference
-from parity.random_scenes import TEMPLATES, random_scene
-from parity.regressions import Case, read_case, write_case
-from parity.shrink import shrink
 
 CASES = tuple(read_case(path) for path in sorted((Path(__file__).parent / "regressions").glob("*.json")))
 

@@ -4,7 +4,7 @@ import pytest
 
 from iphyre_jax import SPLITS
 from parity.play import GameResult, Task, compare_scenes
-from parity.summary import summarise
+from parity.reports.summary import summarise
 from parity.tolerances import SAMPLE_FLOAT32_FLAG, SAMPLE_SHARES, TARGETS
 
 PLANS = 3  # plan 0 does nothing

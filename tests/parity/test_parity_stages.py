@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, physics
-from parity.lockstep import OurWorld, staged_step
+from parity.engines.instrumented import OurWorld, staged_step
+from parity.engines.reference import schedule
+from parity.engines.trace import TracedWorld
+from parity.engines.views import StepView, their_view
 from parity.plans import random_plans
-from parity.reference import schedule
 from parity.stages import compare_step, first_divergence
-from parity.trace import TracedWorld
-from parity.views import StepView, their_view
 
 # Each brings something the others lack: crossing cores and roles (seesaw), collinear bars (noisy_fill), many balls
 # (multi_ball_stack), clashing contact ids (multi_ball_lever), a joint between moving bodies (activated_pendulum), a

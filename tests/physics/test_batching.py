@@ -13,8 +13,8 @@ import pytest
 
 from iphyre_jax import Scene, Simulation, load_scene, physics, rollouts, simulate, simulate_many
 from iphyre_jax.physics import Topology, World
-from iphyre_jax.scenes import build as builder
-from iphyre_jax.scenes.build import build, timing
+from iphyre_jax.scenes import compile as builder
+from iphyre_jax.scenes.compile import build, timing
 from tests.physics.worlds import DTYPES, make_scene
 
 FPS = 10

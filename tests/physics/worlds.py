@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from iphyre_jax import Scene, Simulation, physics, simulate
 from iphyre_jax.physics import State, Topology
-from iphyre_jax.scenes.build import build, timing
+from iphyre_jax.scenes.compile import build, timing
 
 GRAVITY = 100.0  # px/s^2
 DTYPES = ("float64", "float32")

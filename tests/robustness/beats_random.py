@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from iphyre_jax import configure
 from iphyre_jax.train import trainer
-from iphyre_jax.train.config import AGENTS
 from iphyre_jax.train.evaluate import evaluate
-from iphyre_jax.train.presets import preset
+from iphyre_jax.train.settings.presets import preset
+from iphyre_jax.train.settings.run import AGENTS
 
 GAMES = ("support", "direction")
 SECONDS = 60.0  # of playing and learning, without the first round, which compiles

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from iphyre_jax.train import checkpoint, loop, runs
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.settings import PPO
+from iphyre_jax.train import loop
+from iphyre_jax.train.settings.agents import PPO
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import checkpoint, runs
 
 TIMES = 200
 CONFIG = TrainConfig(

@@ -18,7 +18,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from iphyre_jax.train import checkpoint, logs, runs, trainer
+from iphyre_jax.train import trainer
+from iphyre_jax.train.storage import checkpoint, logs, runs
 
 KILLS = 20
 GAMES = ("support", "hole")

@@ -13,7 +13,7 @@ import pytest
 
 import iphyre_jax
 from iphyre_jax.scenes import Scene
-from parity.random_scenes import TEMPLATES, random_scene
+from parity.fuzz.random_scenes import TEMPLATES, random_scene
 
 STEPS, FPS = 150, 10
 SAMPLE = (0, 13)  # templates whose programs the default suite compiles

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.cli import run
+from iphyre_jax.cli.main import run
 from iphyre_jax.compat import IPHYRE
-from iphyre_jax.drawing import BALL, ELIMINABLE
-from iphyre_jax.env import observation_table
-from iphyre_jax.observe import candidate_mask, start_observation
-from iphyre_jax.physics.broadphase import STATIC_RANKS, Counters
+from iphyre_jax.envs.in_advance import observation_table
+from iphyre_jax.observations.drawing import BALL, ELIMINABLE
+from iphyre_jax.observations.official import candidate_mask, start_observation
+from iphyre_jax.physics.broad_phase import STATIC_RANKS, Counters
 from iphyre_jax.physics.contacts import STATIC_BODY
 from iphyre_jax.scenes import (
     Limits,
@@ -33,10 +33,10 @@ from iphyre_jax.scenes import (
     write_scene,
 )
 from iphyre_jax.scenes.limits import MAX_MOVING, MOST_OBJECTS, OFFICIAL
-from iphyre_jax.train.config import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, play_from_json
+from parity.engines.reference import run as run_reference
 from parity.play import Task, compare_scenes
-from parity.reference import run as run_reference
 
 LARGE = Limits(objects=16, blocks=9)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax import GAMES, SPLITS, SceneBuilder, load_scene, simulate, vary
-from iphyre_jax.cli import run
+from iphyre_jax.cli.main import run
 from iphyre_jax.scenes import Scene, read_scene, scene_json_schema, scene_to_dict, write_scene
-from iphyre_jax.scenes.build import topology_of
+from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.scenes.geometry import Layouts, gaps, outside, remarks
 from iphyre_jax.scenes.variations import add_blocks, jitter, mirror, scale, shift
 

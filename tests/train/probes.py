@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.env import observation_table
-from iphyre_jax.envs.features import MOTION_SIZE, ROWS_SIZE
-from iphyre_jax.train.algorithms import algorithm, init
+from iphyre_jax.envs.in_advance import observation_table
+from iphyre_jax.observations.features import MOTION_SIZE, ROWS_SIZE
+from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import Trajectory
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.settings import OffPolicy
+from iphyre_jax.train.settings.agents import OffPolicy
+from iphyre_jax.train.settings.run import TrainConfig
 
 
 class Probe(NamedTuple):

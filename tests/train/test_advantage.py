@@ -5,10 +5,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.train.advantage import advantages, gae, normalised
+from iphyre_jax.train.algos.advantage import advantages, gae, normalised
+from iphyre_jax.train.algos.replay import transitions
 from iphyre_jax.train.collect import Trajectory
-from iphyre_jax.train.replay import transitions
-from iphyre_jax.train.settings import OffPolicy, PolicyGradient
+from iphyre_jax.train.settings.agents import OffPolicy, PolicyGradient
 
 
 def test_gae_by_hand() -> None:

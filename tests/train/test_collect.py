@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, simulate_many
-from iphyre_jax.env import play
+from iphyre_jax.envs.in_advance import play
 from iphyre_jax.train.collect import Decision, Plans, Worlds, collector
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.presets import preset
 from iphyre_jax.train.scenes import training_scenes, variations
+from iphyre_jax.train.settings.presets import preset
+from iphyre_jax.train.settings.run import TrainConfig
 
 GAMES = ("hinder", "hole")  # of one topology
 EPISODES = 8

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from iphyre_jax import SPLITS
-from iphyre_jax.train.config import TrainConfig, config_from_json
-from iphyre_jax.train.settings import DQN, PPO
+from iphyre_jax.train.settings.agents import DQN, PPO
+from iphyre_jax.train.settings.run import TrainConfig, config_from_json
 
 FLY: dict[str, Any] = {"strategy": "on-the-fly", "head": "categorical"}
 

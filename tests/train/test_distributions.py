@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iphyre_jax.env import action_to_times
+from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.train.distributions import (
+from iphyre_jax.train.algos.distributions import (
     HEADS,
     SLOTS,
     CategoricalHead,

@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iphyre_jax.train import actor_critic, ddpg, dqn, ppo, sac
-from iphyre_jax.train.algorithms import ALGORITHMS, algorithm, init
-from iphyre_jax.train.config import AGENTS, TrainConfig
-from iphyre_jax.train.presets import PRESETS, preset
-from iphyre_jax.train.replay import Transition
-from iphyre_jax.train.settings import A2C, DDPG, DQN, PPO, SAC, Settings
+from iphyre_jax.train.algos import actor_critic, ddpg, dqn, ppo, sac
+from iphyre_jax.train.algos.registry import ALGORITHMS, algorithm, init
+from iphyre_jax.train.algos.replay import Transition
+from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, Settings
+from iphyre_jax.train.settings.presets import PRESETS, preset
+from iphyre_jax.train.settings.run import AGENTS, TrainConfig
 from tests.train.probes import Probe, best, fitted, learned, observations, play
 
 PLANNING: dict[str, tuple[Settings, dict[str, Any]]] = {

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from iphyre_jax.train import logs
-from iphyre_jax.train.statistics import summary
+from iphyre_jax.train.reports.statistics import summary
+from iphyre_jax.train.storage import logs
 
 COLUMNS = ("update", "reward", "greedy_reward")
 

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iphyre_jax.env import observation_table
+from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.scenes import load_scene
-from iphyre_jax.train import actor_critic
-from iphyre_jax.train.config import TrainConfig
-from iphyre_jax.train.networks import ObjectNetwork, Perceptron
+from iphyre_jax.train.algos import actor_critic
+from iphyre_jax.train.algos.networks import ObjectNetwork, Perceptron
 from iphyre_jax.train.observations import parts, slot_mask, start_observations
-from iphyre_jax.train.presets import preset
+from iphyre_jax.train.settings.presets import preset
+from iphyre_jax.train.settings.run import TrainConfig
 
 SEEN = jnp.asarray(observation_table(("hole", "multi_ball_spring")))
 

@@ -11,14 +11,14 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.agents import rows
 from iphyre_jax.train import trainer
-from iphyre_jax.train.config import AGENTS
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.observations import start_observations
-from iphyre_jax.train.presets import preset
-from iphyre_jax.train.pretrained import load_pretrained, names, rounded, save_pretrained
-from iphyre_jax.train.report import paper_name
-from iphyre_jax.train.results import rows
+from iphyre_jax.train.reports.report import paper_name
+from iphyre_jax.train.settings.presets import preset
+from iphyre_jax.train.settings.run import AGENTS
+from iphyre_jax.train.storage.pretrained import load_pretrained, names, rounded, save_pretrained
 
 GAMES = ("support", "direction")
 NONE: dict[str, Any] = {"splits": {}, "games": [], "faults": 0}

@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from iphyre_jax import cli, train_commands
-from iphyre_jax.train import checkpoint, collect, compare, logs, loop, report, results, runs, trainer
-from iphyre_jax.train.config import TrainConfig
+from benchmarks import agents
+from iphyre_jax.cli import main as cli
+from iphyre_jax.cli import train as train_commands
+from iphyre_jax.train import collect, loop, trainer
 from iphyre_jax.train.evaluate import Evaluation, GameScore, Score, evaluate
-from iphyre_jax.train.settings import PPO
+from iphyre_jax.train.reports import compare, report
+from iphyre_jax.train.settings.agents import PPO
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import checkpoint, logs, runs
 
 GAMES = ("support", "hole")
 TINY = TrainConfig(
@@ -292,24 +296,24 @@ def test_paper_numbers_agree_with_their_table() -> None:
 
 
 def test_results_name_what_is_missing(finished: loop.Outcome, tmp_path: Path) -> None:
-    table = results.rows()
+    table = agents.rows()
     assert len(table) == 14  # the paper's twelve, and two of our own
-    of_paper = results.rows("paper")
+    of_paper = agents.rows("paper")
     assert [f"{name}-paper" for name in list(table)[:12]] == list(of_paper)
     for config in (*table.values(), *of_paper.values()):
         config.check()
-    text = results.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path, "results")
+    text = agents.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path, "results")
     for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text
     names = sorted(entry.name for entry in tmp_path.iterdir())
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
-    assert results.seconds_to_paper(run) is None  # three rounds of sixteen episodes
-    assert not results.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
+    assert agents.seconds_to_paper(run) is None  # three rounds of sixteen episodes
+    assert not agents.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
-        results.run_row(tmp_path / "other", table["ppo-i"], QUIET)
+        agents.run_row(tmp_path / "other", table["ppo-i"], QUIET)
 
 
 def test_command_line_trains_resumes_and_evaluates(

@@ -28,7 +28,7 @@ def solved() -> Recording:
 
 @pytest.mark.parametrize("game", ["hole", "impulse_pendulum", "spring_flick", "multi_ball_stack"])
 def test_the_official_theme_is_the_official_picture(game: str) -> None:
-    """Against `iphyre_jax.drawing`, which is checked against the official class: only edges may differ."""
+    """Against `iphyre_jax.observations.drawing`, which is checked against the official class: only edges may differ."""
     scene = load_scene(game)
     theirs = picture(SteppedWorld(scene, fps=60, resets=1)).astype(int)
     ours = still(start_of(scene), Look(theme="official", captions=False)).astype(int)

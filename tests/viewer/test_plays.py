@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax import SceneBuilder, cli, load_scene
+from iphyre_jax import SceneBuilder, load_scene
+from iphyre_jax.cli.main import run
 from iphyre_jax.viewer.figures import figures_of
+from iphyre_jax.viewer.load_plays import best_plays, load_plays
 from iphyre_jax.viewer.plays import append_play, play_to_json, read_plays
 from iphyre_jax.viewer.recording import record
-from iphyre_jax.viewer.sources import best_plays, load_plays
 
 GOOD = {
     "schema": "iphyre_jax/play",
@@ -129,16 +130,16 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     plays = tmp_path / "plays.jsonl"
     plays.write_text(json.dumps(GOOD) + "\n" + json.dumps(GOOD | {"plan": [-1, -1, -1, -1]}) + "\n", "utf-8")
     out = tmp_path / "out.png"
-    assert cli.run(["render", "hole", "--plan", "-", "-", "1.38", "0.53", "-o", str(out), "--size", "64"]) == 0
+    assert run(["render", "hole", "--plan", "-", "-", "1.38", "0.53", "-o", str(out), "--size", "64"]) == 0
     assert "hole: solved after 261 steps, reward 975.6500" in capsys.readouterr().out
     for what in (["basic"], [str(plays)], [str(plays), "--game", "hole"]):
         out.unlink()
-        assert cli.run(["render", *what, "-o", str(out), "--size", "64"]) == 0
+        assert run(["render", *what, "-o", str(out), "--size", "64"]) == 0
         assert out.is_file()
     page = tmp_path / "replay.html"
-    assert cli.run(["replay", str(plays), "-o", str(page)]) == 0
+    assert run(["replay", str(plays), "-o", str(page)]) == 0
     assert "2 plays" in capsys.readouterr().out
-    assert cli.run(["evaluate", str(plays)]) == 0
+    assert run(["evaluate", str(plays)]) == 0
     printed = capsys.readouterr().out
     assert "somebody at 60 steps a second" in printed
     assert "975.65" in printed
@@ -166,7 +167,7 @@ def test_a_mistake_gets_one_line(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with chdir(tmp_path):
-        assert cli.run(arguments) == 2
+        assert run(arguments) == 2
     printed = capsys.readouterr().err
     assert message in printed
     assert printed.count("\n") == 1
@@ -179,7 +180,7 @@ def test_a_missing_extra_gets_one_line(
     monkeypatch.setitem(sys.modules, "PIL", None)
     for name in ("films", "frames", "painter", "sheets"):
         monkeypatch.delitem(sys.modules, f"iphyre_jax.viewer.{name}", raising=False)
-    assert cli.run(["render", "hole", "-o", str(tmp_path / "a.png")]) == 2
+    assert run(["render", "hole", "-o", str(tmp_path / "a.png")]) == 2
     printed = capsys.readouterr().err
     assert "this command needs the extra 'viewer' (PIL is missing)" in printed
     assert printed.count("\n") == 1

@@ -94,7 +94,7 @@ def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: s
 
 
 def test_both_engines_side_by_side() -> None:
-    from parity.film import both
+    from parity.reports.film import both
 
     ours, theirs = both(HOLE, SOLVES, 60, "float64", 1)
     assert (ours.success, ours.steps, ours.reward) == (theirs.success, theirs.steps, theirs.reward)

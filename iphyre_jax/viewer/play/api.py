@@ -9,17 +9,17 @@ from typing import Any, Final
 import iphyre_jax
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict
+from iphyre_jax.scenes.errors import refuse, show
 from iphyre_jax.scenes.files import parse_json, scene_text
 from iphyre_jax.scenes.geometry import remarks
-from iphyre_jax.scenes.messages import refuse, show
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.figures import figures, figures_of
+from iphyre_jax.viewer.load_plays import best_plays
 from iphyre_jax.viewer.pack import pack_play, pack_scene
 from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.play.session import Session
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
 from iphyre_jax.viewer.recording import Recording, record
-from iphyre_jax.viewer.sources import best_plays
 
 FPS: Final = 60  # people play at the rate of the paper's
 PATIENCE: Final = 120.0  # s that a request waits for another's simulation, which may be compiling

@@ -1,0 +1,93 @@
+"""A batch of worlds, on leading axes, played in chunks of lanes, each chunk by the branch of its topology."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.envs.batching.stretches import Stretch
+from iphyre_jax.rollouts import Progress
+
+Tree = TypeVar("Tree")
+Branch = Callable[[Stretch, Progress], Progress]
+
+
+def play_slices(branch: Branch, lanes: int, stretch: Stretch, progress: Progress) -> Progress:
+    """Play a batch of worlds of one topology, slice by slice."""
+    size = stretch.game.shape[0]
+    if size == lanes:
+        return _as_batch(branch(*_as_lanes((stretch, progress))))
+
+    def play(k: jax.Array, whole: Progress) -> Progress:
+        begin = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice has again are done and wait
+        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, begin, lanes), (stretch, whole))
+        after = _as_batch(branch(*_as_lanes(part)))
+        return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, begin, 0), whole, after)
+
+    return jax.lax.fori_loop(0, -(-size // lanes), play, progress)
+
+
+def play_sorted(
+    branches: Sequence[Branch], lanes: int, kind: jax.Array, stretch: Stretch, progress: Progress
+) -> Progress:
+    """Play a batch of worlds of several topologies, sorted into chunks of one topology each."""
+    size = stretch.game.shape[0]
+    chunks = _chunks(kind, len(branches), lanes)
+
+    def play(k: jax.Array, whole: Progress) -> Progress:
+        kind, rows = chunks.at(k)
+        part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (stretch, whole))
+        part = replace(part, until=jnp.where(rows < size, part.until, 0))  # a spare lane waits from the start
+        after = _as_batch(jax.lax.switch(kind, branches, *_as_lanes((part, before))))
+        return jax.tree.map(
+            lambda leaf, new: leaf.at[rows].set(new, mode="drop", unique_indices=True, indices_are_sorted=True),
+            whole,
+            after,
+        )
+
+    return jax.lax.fori_loop(0, chunks.count, play, progress)
+
+
+def _as_lanes(tree: Tree) -> Tree:
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), tree)
+
+
+def _as_batch(tree: Tree) -> Tree:
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), tree)
+
+
+@dataclass(frozen=True)
+class _Chunks:
+    """The worlds of a batch in chunks of one kind each."""
+
+    order: jax.Array  # (size,) int32, the worlds sorted by kind
+    size: jax.Array  # (kinds,) int32, worlds of each
+    before: jax.Array  # (kinds,) int32, worlds of the kinds before it
+    last: jax.Array  # (kinds,) int32, chunks up to the last of a kind, it included
+    lanes: int
+
+    @property
+    def count(self) -> jax.Array:
+        """The number of chunks, () int32."""
+        return self.last[-1]
+
+    def at(self, k: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Return the kind of chunk k and its worlds, (lanes,) int32, rising; spare ones lie beyond the batch."""
+        kind = jnp.sum((k >= self.last).astype(jnp.int32), dtype=jnp.int32)
+        of_kind = -(-self.size[kind] // self.lanes)
+        place = (k - self.last[kind] + of_kind) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
+        rows = self.order.at[self.before[kind] + place].get(mode="clip")
+        return kind, jnp.where(place < self.size[kind], rows, self.order.shape[0] + place)
+
+
+def _chunks(kind: jax.Array, kinds: int, lanes: int) -> _Chunks:
+    order = jnp.arange(kind.shape[0], dtype=jnp.int32)
+    if kinds > 1:
+        order = jnp.argsort(kind, stable=True).astype(jnp.int32)
+    size = jnp.stack([jnp.sum(kind == k, dtype=jnp.int32) for k in range(kinds)])
+    total = jnp.cumsum(size, dtype=jnp.int32)
+    return _Chunks(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)

@@ -1,0 +1,151 @@
+"""What is compiled for the environments on a CPU: one decision of worlds of one topology, side by side.
+
+A row is an episode: the words of its status, then those of its physics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Final
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax import rollouts
+from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
+from iphyre_jax.envs.batching.stretches import Stretch, play_lanes
+from iphyre_jax.execution import programs
+from iphyre_jax.execution.layout import WORD, Layout
+from iphyre_jax.observations.features import Pose, seen_ends, speeds
+from iphyre_jax.physics.types import Timing, Topology, World
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+
+BLOCK: Final = 48  # rows that are turned over at a time: as many lines as the first cache holds of rows 512 bytes apart
+SHOWN: Final = 7  # numbers of what is seen of a moving body
+BEGIN: Final = -1  # in place of a step to play to: the episode begins, and nothing is played
+
+
+@lru_cache(1024)
+def scene_layout(topology: Topology, dtype: str) -> Layout:
+    """Return the layout of a scene: its world, and `Features.ends`."""
+    tree = World.shapes(topology, dtype), jax.ShapeDtypeStruct((topology.bars, 2, 2), dtype)
+    return Layout.of(tree, dtype)
+
+
+@dataclass(frozen=True)
+class EnvStep:
+    """One decision of worlds of one topology, whatever the strategy: it gets plans and steps to play to.
+
+    Attributes:
+        topology: of the worlds.
+        dtype: of the physics.
+        lanes: worlds side by side.
+        slots: of a plan.
+    """
+
+    sources: ClassVar[tuple[str, ...]] = (
+        *programs.SOURCES,
+        "observations/official.py",
+        "observations/features.py",
+        *(f"envs/batching/{name}.py" for name in ("step_program", "status", "stretches")),
+    )
+
+    topology: Topology
+    dtype: str
+    lanes: int
+    slots: int
+
+    @property
+    def row(self) -> int:
+        """Words of an episode."""
+        return status_words(self.slots) + programs.progress_layout(self.topology, self.dtype).rows
+
+    @property
+    def shown(self) -> int:
+        """Numbers that tell what is seen of the moving bodies: `seen_ends` and `speeds` of each."""
+        return SHOWN * self.topology.moving
+
+    @property
+    def order(self) -> int:
+        """Words of what a world is to do: a plan, the step to play to or BEGIN, and the slots executed then."""
+        return 2 * self.slots + 1
+
+    def arguments(self) -> programs.Shapes:
+        """Return the shapes of scenes (words, lanes), worlds (lanes, row + order), clock, and once (1,), which is 1.
+
+        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its order.
+        """
+        scene = scene_layout(self.topology, self.dtype)
+        return (
+            jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
+            jax.ShapeDtypeStruct((self.lanes, self.row + self.order), scene.word),
+            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((1,), "int32"),
+        )
+
+    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
+        """Return episodes as they are then, and the bits of what is seen of their bodies, (lanes, row + shown)."""
+        scenes, worlds, numbers, once = arguments
+        timing = programs.timing_of(numbers)
+
+        def play(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
+            world, ends = scene_layout(self.topology, self.dtype).unpack(scenes)
+            tables = self._play(world, ends, worlds.T, timing, once)
+            return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.shown), worlds.dtype))
+
+        like = jax.ShapeDtypeStruct((self.lanes, self.row + self.shown), worlds.dtype)
+        return (programs.in_one_function(play, (scenes, worlds), like, once[0]),)
+
+    def _play(
+        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, once: jax.Array
+    ) -> tuple[jax.Array, ...]:
+        """Return words and numbers of the episodes, and parts of what is seen of them; all have lanes behind."""
+        blocks, first = self.slots, status_words(self.slots)
+        layout = programs.progress_layout(self.topology, self.dtype)
+        episodes, orders = worlds[: self.row], worlds[self.row :].astype(jnp.int32)
+        plan, until, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
+        progress = _begun(self.topology, world, until == BEGIN, layout.unpack(episodes[first:]))
+        until = jnp.where(until == BEGIN, progress.state.step, until)
+        stretch = Stretch(episodes[0].astype(jnp.int32), plan, until)
+        progress = play_lanes(self.topology, timing, world, stretch, progress)
+        status = status_of(stretch.game, world, progress, executed)
+
+        def tables() -> tuple[jax.Array, ...]:
+            whole, numbers = layout.parts(progress)
+            # Many rows: of a few arrays the compiler would choose one for each number.
+            words = jnp.concatenate([*(row.astype(worlds.dtype)[None] for row in status_rows(status)), whole])
+            sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
+            position = progress.state.position
+            pose = Pose(position.x, position.y, progress.state.angle, status.standing, sound)
+            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(progress), strict=True)]
+            rows = jnp.concatenate(shown)
+            return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
+
+        # In a branch of its own, always taken: else it is made number by number while it is turned over.
+        blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
+        return jax.lax.cond(once[0] == 1, tables, lambda: tuple(blank))
+
+
+def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
+    """Return tables (rows, lanes) one beside the other, (lanes, rows), their bits as words of `out`."""
+    column = 0
+    for table in tables:
+        for start in range(0, table.shape[0], BLOCK):
+            part = table[start : start + BLOCK].T
+            if jnp.issubdtype(part.dtype, jnp.floating):
+                part = jax.lax.bitcast_convert_type(part, WORD[part.dtype.name])
+            out = jax.lax.dynamic_update_slice(out, part.astype(out.dtype), (0, column))
+            column += part.shape[1]
+    return out
+
+
+def _begun(topology: Topology, world: World, begins: jax.Array, progress: Progress) -> Progress:
+    """Return episodes, those that begin as they are before their first step."""
+
+    def fresh() -> Progress:
+        start = rollouts.begin(topology, world, jnp.zeros_like(begins))
+        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(begins, old.shape), new, old), start, progress)
+
+    return jax.lax.cond(jnp.any(begins), fresh, lambda: progress)

@@ -1,0 +1,150 @@
+"""Worlds of several topologies in one program.
+
+A topology decides what is compiled, so a batch that mixes games needs one program for each of them, and arrays of one
+shape for all. `Mixture` gives both: every array of a world is filled up with rows at its end to the largest of the
+mixture; `play` cuts off the rows that are not the world's own, runs its topology's program and fills up again. So each
+world is computed as it would be in a batch of its own kind.
+
+`play` is written for one world. Under `jax.vmap`, nested or not, it does not become "play every topology for every
+world and select": the worlds are sorted by topology and played in chunks of lanes (trailing axes, see `physics.types`),
+each chunk by the program of its own topology.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+
+from iphyre_jax.envs.batching.padded_shapes import Rows
+from iphyre_jax.envs.batching.sorting import play_slices, play_sorted
+from iphyre_jax.envs.batching.stretches import Stretch, play_lanes, start
+from iphyre_jax.execution.devices import traced_lanes
+from iphyre_jax.physics.types import Timing, Topology, World
+from iphyre_jax.rollouts import Progress
+
+Play = Callable[[Timing, "Games", Stretch, Progress], Progress]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Games:
+    """A table of worlds, filled up, one a row of every array."""
+
+    world: World
+    kind: jax.Array  # (games,) int32, index into the mixture's topologies
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The topologies that one program plays; hashable, hence static under `jax.jit`.
+
+    Attributes:
+        topologies: in the order in which `Games.kind` counts them.
+        worlds: shapes of a world of each.
+        progresses: shapes of its progress.
+    """
+
+    topologies: tuple[Topology, ...]
+    worlds: tuple[Rows, ...]
+    progresses: tuple[Rows, ...]
+
+    @classmethod
+    @cache
+    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> Mixture:
+        """Return the mixture of some topologies, at least one; dtype: of the physics."""
+        with jax.enable_x64(dtype == "float64"):
+            worlds = [World.shapes(topology, dtype) for topology in topologies]
+            starts = [jax.eval_shape(partial(start, t), world) for t, world in zip(topologies, worlds, strict=True)]
+        return cls(topologies, tuple(map(Rows.of, worlds)), tuple(map(Rows.of, starts)))
+
+    def only(self, kind: int) -> Mixture:
+        """Return the mixture of one of the topologies."""
+        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.progresses[kind],))
+
+    @property
+    def world(self) -> Rows:
+        """The shapes of a world filled up."""
+        return Rows.largest(self.worlds)
+
+    @property
+    def progress(self) -> Rows:
+        """The shapes of a progress filled up."""
+        return Rows.largest(self.progresses)
+
+    def play(self, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
+        """Play one world until `stretch.until` steps are made or its episode is over; one that is over stays as it is.
+
+        Args:
+            timing: of the physics step; not to be mapped over.
+            games: the table.
+            stretch: of one world.
+            progress: of the world, filled up.
+        """
+        return _vmappable(self)(timing, games, stretch, progress)
+
+
+@cache
+def _vmappable(mixture: Mixture) -> Play:
+    """Return `play` of a mixture, which takes one world or a batch of them on a leading axis."""
+    play = custom_vmap(jax.jit(partial(_play, mixture)))
+
+    @play.def_vmap
+    def batched(
+        size: int, mapped: Sequence[object], timing: Timing, games: Games, stretch: Stretch, progress: Progress
+    ) -> tuple[Progress, Progress]:
+        if any(jax.tree.leaves(mapped[0])):
+            raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
+
+        def with_axis(leaf: jax.Array, has_axis: bool) -> jax.Array:
+            return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
+
+        stretch, progress = jax.tree.map(with_axis, (stretch, progress), tuple(mapped[2:]))
+        if any(jax.tree.leaves(mapped[1])):  # a table for each: one below the other
+            games = jax.tree.map(with_axis, games, mapped[1])
+            each = games.kind.shape[1]
+            games = jax.tree.map(lambda leaf: leaf.reshape(size * each, *leaf.shape[2:]), games)
+            first = each * jnp.arange(size, dtype=jnp.int32)
+            stretch = replace(stretch, game=stretch.game + first.reshape(size, *(1,) * (stretch.game.ndim - 1)))
+        batch = stretch.game.shape
+        count = math.prod(batch)
+        flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (stretch, progress))
+        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, games, *flat))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return play
+
+
+def _play(mixture: Mixture, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
+    """Play one world, or a batch on the leading axis."""
+    branches = [partial(_play_kind, mixture, kind, timing, games.world) for kind in range(len(mixture.topologies))]
+    if stretch.game.ndim == 0:
+        return jax.lax.switch(games.kind[stretch.game], branches, stretch, progress)
+    size = stretch.game.shape[0]
+    lanes = min(size, traced_lanes())
+    if len(branches) == 1:
+        return play_slices(branches[0], lanes, stretch, progress)
+    return play_sorted(branches, lanes, games.kind[stretch.game], stretch, progress)
+
+
+def _play_kind(
+    mixture: Mixture, kind: int, timing: Timing, worlds: World, stretch: Stretch, progress: Progress
+) -> Progress:
+    """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
+    own = mixture.worlds[kind]
+    one = jax.tree.leaves(worlds)[0].shape[0] == 1
+
+    def in_lanes(leaf: jax.Array) -> jax.Array:
+        if one:  # nothing to look up, and the same number in all lanes
+            rows = leaf[0].reshape(*leaf.shape[1:], *(1,) * stretch.game.ndim)
+            return jnp.broadcast_to(rows, (*leaf.shape[1:], *stretch.game.shape))
+        return jnp.moveaxis(leaf[stretch.game], 0, -1) if stretch.game.ndim else leaf[stretch.game]
+
+    world = own.cut(jax.tree.map(in_lanes, worlds))
+    after = play_lanes(mixture.topologies[kind], timing, world, stretch, mixture.progresses[kind].cut(progress))
+    return mixture.progress.fill(after)

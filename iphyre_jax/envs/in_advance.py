@@ -1,0 +1,125 @@
+"""The in-advance environment: one look at the start, six times, one whole game.
+
+Pure functions over batches; the state of an episode is nothing but its scene and its action. The
+official learning setting is 10 steps a second in the second reset of a space.
+Source: `IPHYRE_inadvance` of the official package 0.2.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.observations.official import start_observation
+from iphyre_jax.plans import NEVER, TIME_LIMIT, plan_to_steps
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scenes
+from iphyre_jax.simulation import simulate_many
+
+SceneLike = str | PathLike[str] | Scene
+
+OFFICIAL_FPS = 10
+OFFICIAL_RESETS = 2  # the environment builds its space, clears it and builds it again
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """B finished in-advance episodes, in the order in which they were asked for."""
+
+    reward: npt.NDArray[np.float64]  # (B,) 1000 if solved - 10 x eliminations - seconds
+    success: npt.NDArray[np.bool_]  # (B,)
+    steps: npt.NDArray[np.integer[Any]]  # (B,) physics steps made
+    eliminations: npt.NDArray[np.integer[Any]]  # (B,) blocks removed
+    fault: npt.NDArray[np.integer[Any]]  # (B,) 0 if the world is sound
+    eliminate_at: npt.NDArray[np.int64]  # (B, 6) the step before which each block was to go, -1 never
+
+    @property
+    def terminated(self) -> npt.NDArray[np.bool_]:
+        """(B,) the game was solved."""
+        return self.success
+
+    @property
+    def truncated(self) -> npt.NDArray[np.bool_]:
+        """(B,) the time ran out."""
+        return ~self.success
+
+
+def observation_table(scenes: Sequence[SceneLike]) -> npt.NDArray[np.float32]:
+    """(S, 120) float32, more if a scene's limits are larger: what the agent sees at the start of each of S scenes."""
+    return np.stack([start_observation(scene) for scene in load_scenes(scenes)])
+
+
+def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.NDArray[np.floating[Any]]:
+    """Seconds (B, 6) of the official actions: 15 x a, in the type of the actions.
+
+    Args:
+        actions: (B, 6) float32 or float64 in [0, 1]; column s is the time of slot s as a share of 15 s.
+        slots: 6, or more if a scene's limits are larger.
+
+    Raises:
+        ValueError: one line, for another shape or type, a NaN or a value outside [0, 1].
+    """
+    checked = np.asarray(actions)
+    if checked.dtype not in (np.float32, np.float64):
+        raise ValueError(f"actions: expected float32 or float64, got dtype {checked.dtype}")
+    if checked.ndim != 2 or checked.shape[1] != slots:
+        raise ValueError(f"actions: expected shape (B, {slots}), got {checked.shape}")
+    inside = (checked >= 0) & (checked <= 1)  # False for NaN
+    if not inside.all():
+        row, column = np.argwhere(~inside)[0]
+        raise ValueError(
+            f"actions: expected values in [0, 1], got {checked[row, column]} in row {row}, column {column}"
+        )
+    return checked * checked.dtype.type(TIME_LIMIT)
+
+
+def play(
+    scenes: Sequence[SceneLike],
+    which: npt.ArrayLike,
+    actions: npt.ArrayLike,
+    *,
+    fps: int = OFFICIAL_FPS,
+    resets: int = OFFICIAL_RESETS,
+    dtype: str = "float32",
+) -> Episodes:
+    """Play B in-advance episodes, any mixture of scenes.
+
+    Args:
+        scenes: S names, files or scenes.
+        which: (B,) whole numbers in [0, S): the scene of each episode.
+        actions: (B, 6) float in [0, 1], see `action_to_times`; slots beyond a scene's blocks do nothing.
+        fps: physics steps a second, a multiple of 10 (the agent's times are tenths of a second).
+        resets: number of the reset of a reused space; 2 is the official environment's.
+        dtype: of the physics, "float32" or "float64".
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
+    """
+    loaded = load_scenes(scenes)
+    slots = loaded[0].limits.blocks
+    times = action_to_times(actions, slots)
+    index = np.asarray(which)
+    if index.dtype.kind not in "iu" or index.shape != times.shape[:1]:
+        raise ValueError(
+            f"which: expected {len(times)} whole numbers, one for each action, got {index.dtype} {index.shape}"
+        )
+    if index.size and (index.min() < 0 or index.max() >= len(loaded)):
+        raise ValueError(f"which: expected numbers from 0 to {len(loaded) - 1}, got {index.min()} to {index.max()}")
+    blocks = np.array([len(scene.eliminable_blocks) for scene in loaded])[index]
+    steps = plan_to_steps(times, fps, "in_advance")
+    steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)
+    # A policy that has settled plays few different plans; equal ones end alike, so each is played once.
+    rows, again = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
+    played = simulate_many(loaded, rows[:, 0], rows[:, 1:], fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
+    return Episodes(
+        reward=played.reward[again],
+        success=played.success[again],
+        steps=played.steps[again],
+        eliminations=played.eliminations[again],
+        fault=played.fault[again],
+        eliminate_at=steps,
+    )

@@ -1,0 +1,58 @@
+"""Programs as JSON: what one process tells another to compile, and part of the name of a cache entry.
+
+A description is data: nothing in it is run, and only dataclasses of this package are made from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+PACKAGE = __name__.partition(".")[0]
+
+Json = Any
+
+
+def describe(value: object) -> Json:
+    """Return a dataclass of this package, nested with tuples, numbers, texts and None, as JSON values."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        kind = type(value)
+        fields = {field.name: describe(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {"class": f"{kind.__module__}:{kind.__qualname__}", **fields}
+    if isinstance(value, tuple):
+        return [describe(part) for part in value]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"expected a dataclass, a tuple, a number, a text or None, got {value!r}")
+
+
+def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was described
+    """Return what `describe` was given.
+
+    Raises:
+        ValueError: it names a class that is no dataclass of this package.
+    """
+    if isinstance(description, list):
+        return tuple(from_description(part) for part in description)
+    if not isinstance(description, dict):
+        return description
+    module, _, name = str(description.get("class")).partition(":")
+    kind: Any = getattr(import_module(module), name, None) if module.partition(".")[0] == PACKAGE else None
+    if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
+        raise ValueError(f"class: expected a dataclass of {PACKAGE}, got {description.get('class')!r}")
+    return kind(**{name: from_description(part) for name, part in description.items() if name != "class"})
+
+
+@cache
+def source_sum(parts: tuple[str, ...]) -> str:
+    """Return a sum over files and folders of the package, so that no program of another version is ever used."""
+    root = Path(__file__).parents[2]
+    total = hashlib.sha256()
+    for part in parts:
+        for path in sorted((root / part).rglob("*.py")) if (root / part).is_dir() else [root / part]:
+            total.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return total.hexdigest()

@@ -1,0 +1,187 @@
+"""From a program to something that runs: loaded from memory or the cache folder, or compiled apart and kept there.
+
+Where a program cannot be compiled in a process of its own, or this jaxlib cannot load what another process compiled, it
+is compiled here, in the user's process and without our compiler options: one warning says what that costs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+import numpy as np
+
+from iphyre_jax.execution import configuration
+from iphyre_jax.execution.compilation import cache_folder
+from iphyre_jax.execution.compilation.client import Arrays, Executable, OnClient
+from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
+from iphyre_jax.execution.compilation.description import describe, source_sum
+from iphyre_jax.execution.compilation.options import options_for
+from iphyre_jax.execution.programs import Program
+
+Run = Callable[..., Arrays]
+
+KEPT: Final = 512  # loaded programs; the forty games have some dozens
+COST: Final = "steps may take 40 times as long"
+
+_loaded: dict[Program, Run] = {}
+_in_flight: dict[Program, threading.Event] = {}
+_lock = threading.Lock()
+
+
+def executable(program: Program) -> Run:
+    """Return a program that can be called with NumPy arrays, compiled first if it must be."""
+    while (run := _loaded.get(program)) is None:
+        prepare([program])
+    return run
+
+
+def prepare(programs: Sequence[Program]) -> None:
+    """Load programs, and compile those that are in no cache side by side.
+
+    Raises:
+        TimeoutError: one took longer than `configure(compile_timeout=...)` allows.
+    """
+    with _lock:
+        wanted = [program for program in dict.fromkeys(programs) if program not in _loaded]
+        others = [_in_flight[program] for program in wanted if program in _in_flight]
+        own = [program for program in wanted if program not in _in_flight]
+        _in_flight.update((program, threading.Event()) for program in own)
+    try:
+        if own:
+            _load_or_compile(own)
+    finally:
+        with _lock:
+            for program in own:
+                _in_flight.pop(program).set()
+    for event in others:
+        event.wait()
+
+
+def _load_or_compile(programs: Sequence[Program]) -> None:
+    folder = configuration.cache_folder()
+    if folder is not None:
+        _load_all(programs, folder)
+        return
+    with tempfile.TemporaryDirectory(prefix="iphyre_jax_") as temporary:
+        _load_all(programs, Path(temporary))
+
+
+def _keep(program: Program, run: Run) -> None:
+    with _lock:
+        while len(_loaded) >= KEPT:
+            del _loaded[next(iter(_loaded))]
+        _loaded[program] = run
+
+
+def _load_all(programs: Sequence[Program], folder: Path) -> None:
+    """Load programs; each that is missing is compiled by one process, while others that want it wait."""
+    entries = {program: _entry(program, folder) for program in programs}
+    left = [program for program in programs if not _load(program, *entries[program])]
+    while left:
+        with ExitStack() as claims:
+            own = [program for program in left if claims.enter_context(cache_folder.claimed(entries[program][0]))]
+            missing = [program for program in own if not _load(program, *entries[program])]
+            if missing:
+                _compile_all(missing, entries, folder)
+        left = [program for program in left if program not in own]
+        for program in left:
+            cache_folder.wait_for_claim(entries[program][0])
+        left = [program for program in left if not _load(program, *entries[program])]
+
+
+def _compile_all(
+    missing: Sequence[Program], entries: Mapping[Program, tuple[Path, dict[str, Any]]], folder: Path
+) -> None:
+    jobs = [Job(describe(program), *entries[program], options_for(program.lanes)) for program in missing]
+    try:
+        compile_all(jobs, _show)
+        cache_folder.remove_old_entries(folder)
+    except CompilationError as error:
+        problem = str(error)
+    else:
+        problem = "what was compiled cannot be loaded"
+    finally:
+        _clear()
+    for program in missing:
+        if not _load(program, *entries[program]):
+            text = f"programs are compiled in this process, without compiler options ({problem}); {COST}"
+            warnings.warn(text, RuntimeWarning, stacklevel=4)
+            _keep(program, _plain(program))
+
+
+def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:
+    """Load an entry of the cache; whether that went well."""
+    payload = cache_folder.read_entry(path, key)
+    if payload is None:
+        return False
+    try:
+        run = Executable(payload)
+    except Exception:  # what another jaxlib wrote, or one without the calls that are used here
+        return False
+    _keep(program, run)
+    return True
+
+
+def _plain(program: Program) -> Run:
+    """Compile a program in this process."""
+    run = jax.jit(program.run)
+
+    def call(*arrays: np.ndarray[Any, Any] | OnClient) -> Arrays:
+        given = [np.asarray(array.array) if isinstance(array, OnClient) else array for array in arrays]
+        with jax.enable_x64(program.dtype == "float64"):
+            return tuple(np.asarray(result) for result in run(*given))
+
+    return call
+
+
+def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
+    """Return path and key of a program's entry: all that decides which machine code is right."""
+    key = {
+        "program": describe(program),
+        "source": source_sum(program.sources),
+        "jax": version("jax"),
+        "jaxlib": version("jaxlib"),
+        "options": dict(options_for(program.lanes)),
+        "machine": _machine(),
+    }
+    return cache_folder.entry_path(folder, key), key
+
+
+@cache
+def _machine() -> str:
+    """Return what tells apart machines that cannot run each other's code: the processor's features."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    found = next((line.partition(":")[2] for line in lines if line.lower().startswith(("flags", "features"))), "")
+    features = " ".join(sorted(found.split())) or platform.processor()
+    return f"{sys.platform} {platform.machine()} {hashlib.sha256(features.encode()).hexdigest()[:16]}"
+
+
+_shown = threading.local()
+
+
+def _show(done: int, total: int) -> None:
+    """Say how far compilation is, in a line of the terminal that is cleared at the end."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        _shown.line = f"compiling {min(done + 1, total)} of {total} programs"
+        print(f"\r{_shown.line}", end="", file=sys.stderr, flush=True)
+
+
+def _clear() -> None:
+    if line := getattr(_shown, "line", ""):
+        print("\r" + " " * len(line) + "\r", end="", file=sys.stderr, flush=True)
+        _shown.line = ""

@@ -1,0 +1,71 @@
+"""The process that compiles programs for others: `python -m iphyre_jax.execution.compilation.worker`.
+
+It reads one request a line, {"program": description, "path": file, "key": values}, writes the executable into the file
+as an entry of the cache, and answers with one line, {} or {"error": text}. Its compiler options come from XLA_FLAGS. It
+ends when its input does, also in the middle of a compilation, or when nothing is asked for a while.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+
+from iphyre_jax.execution.compilation.cache_folder import write_entry
+from iphyre_jax.execution.compilation.description import from_description, source_sum
+from iphyre_jax.execution.programs import Program
+
+IDLE_SECONDS: Final = 60.0
+
+
+def compiled(program: Program) -> bytes:
+    """Return the executable of a program, serialised."""
+    with jax.enable_x64(program.dtype == "float64"):
+        lowered = jax.jit(program.run, keep_unused=True).lower(*program.arguments())
+        executable: Any = lowered.compile().runtime_executable()
+    payload: bytes = executable.client.serialize_executable(executable)
+    return payload
+
+
+def _answer(line: str) -> dict[str, Any]:
+    try:
+        request = json.loads(line)
+        program = from_description(request["program"])
+        if source_sum(program.sources) != request["key"]["source"]:
+            return {"error": "the package's files have changed since this process started"}
+        write_entry(Path(request["path"]), request["key"], compiled(program))
+    except Exception as error:  # whatever it is, the process that asked must hear of it
+        return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
+    return {}
+
+
+def main() -> None:
+    """Answer requests until the input ends."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    requests: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin:
+            requests.put(line)
+        os._exit(0)  # nobody waits for an answer any more
+
+    jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # a compiler that does not know an option ends the process here
+    print("{}", file=answers, flush=True)
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        try:
+            line = requests.get(timeout=IDLE_SECONDS)
+        except queue.Empty:
+            return
+        print(json.dumps(_answer(line)), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,234 @@
+"""Observations on the device: the official rows, and the same with motion and time, written as selects.
+
+The official observation is described in `iphyre_jax.observations.official`, whose host functions these agree with.
+Here one belongs to every decision of thousands of worlds, so nothing is gathered: the rows of a scene's start are a
+table from which removed blocks are blanked, and the few moving bodies are written over their rows.
+
+Shapes are those of one world; lanes, further worlds, may stand behind every axis, as in `physics`. What goes into the
+table is kept behind barriers, so that the table itself is one loop of selects over the lanes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, scene_features
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.types import Topology
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+from iphyre_jax.scenes import MAX_OBJECTS, Scene
+
+NOTHING = -1  # a place without an object
+
+
+def rows_size(objects: int) -> int:
+    """Return how many numbers `official_rows` gives."""
+    return objects * COLUMNS
+
+
+def motion_size(objects: int) -> int:
+    """Return how many numbers `motion` gives."""
+    return objects * 3 + 1
+
+
+ROWS_SIZE, MOTION_SIZE = rows_size(MAX_OBJECTS), motion_size(MAX_OBJECTS)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Features:
+    """What the observations of a scene need; n moving bodies and m moving bars in the largest scene of the mixture.
+
+    12 objects and 6 slots, or as many as the limits of the scenes allow.
+    """
+
+    rows: jax.Array | None  # (12, 9) the official table at the start, px and flags, for pictures; None without them
+    seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
+    mover: jax.Array  # (n,) int32, object of each moving body, NOTHING if there are fewer
+    ends: jax.Array  # (m, 2, 2) px, end points of the moving bars less their centres at angle 0; zero for balls
+    slot_object: jax.Array  # (6,) int32, object of each slot of a plan, NOTHING if there are fewer
+    joints: jax.Array  # (J, 12) bool, the two objects of each joint
+    springs: jax.Array  # (P, 12) bool, of each spring
+    candidates: jax.Array  # (6, 2) float32, centres of the eliminable blocks / 600, then zeros
+
+
+def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Features:
+    """Return the features of a scene, filled up to the largest of some topologies (host, NumPy)."""
+    host = scene_features(scene)
+    rows = object_rows(host, host.position, np.zeros(scene.limits.objects), host.present)
+    scaled = rows.astype(np.float32)
+    scaled[:, :LENGTH_COLUMNS] /= np.float32(SCREEN)
+    movers = np.flatnonzero(scene.dynamic)
+    bars = max(topology.bars for topology in topologies)
+    ends = np.zeros((bars, 2, 2))
+    ends[: min(bars, len(movers))] = host.ends[movers[:bars]]
+    features: dict[str, Any] = {
+        "rows": rows.astype(dtype),
+        "seen": scaled.clip(0.0, 1.0),
+        "mover": _padded(movers, max(topology.moving for topology in topologies)),
+        "ends": ends.astype(dtype),
+        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
+        "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in topologies)),
+        "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in topologies)),
+        "candidates": host.candidates,
+    }
+    return Features(**features)
+
+
+def _padded(indices: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
+    padded = np.full(places, NOTHING, np.int32)
+    padded[: len(indices)] = indices
+    return padded
+
+
+def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
+    padded = np.zeros((places, pairs.shape[1]), bool)
+    padded[: len(pairs)] = pairs
+    return padded
+
+
+def own_features(features: Features, topology: Topology) -> Features:
+    """Return the features of worlds of one topology without the rows that a larger one of the mixture has."""
+    return replace(
+        features,
+        mover=features.mover[: topology.moving],
+        ends=features.ends[: topology.bars],
+        joints=features.joints[: len(topology.pins)],
+        springs=features.springs[: len(topology.springs)],
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Pose:
+    """Where everything of a world is; n moving bodies, filled up to those of the largest scene."""
+
+    x: jax.Array  # (n,) px
+    y: jax.Array
+    angle: jax.Array  # (n,) rad
+    there: jax.Array  # (12,) bool, objects that are left
+    sound: jax.Array  # () bool, everything is finite
+
+
+def pose_of(features: Features, standing: jax.Array, progress: Progress) -> Pose:
+    """Return where everything of a world is; standing: (slots,) bool, slots whose block is still there."""
+    state = progress.state
+    sound = progress.outcome.fault != FAULT_NOT_FINITE
+    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, standing), sound)
+
+
+def objects_there(features: Features, standing: jax.Array) -> jax.Array:
+    """Return which of the twelve objects are there, (12,) bool."""
+    index = lanes.iota(features.seen.shape[0], standing[0])
+    there = features.seen[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    for slot in range(standing.shape[0]):
+        there = there & ((index != features.slot_object[slot][None]) | standing[slot][None])
+    return there
+
+
+def object_table(features: Features, pose: Pose) -> jax.Array:
+    """Return the official table (12, 9) of the physics' dtype, in px, of a world as it is.
+
+    A pair's number counts the pairs that are left, as the official class renumbers them.
+    """
+    start = cast(jax.Array, features.rows)
+    placed = jax.lax.optimization_barrier(_placed(features.ends, pose))
+    numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
+    return _table(features, start, pose.there, placed, numbers)
+
+
+def official_rows(features: Features, pose: Pose) -> jax.Array:
+    """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
+    flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
+    there = pose.there & pose.sound[None]
+    there, placed, flags = jax.lax.optimization_barrier((there, seen_ends(features.ends, pose), flags))
+    table = _table(features, features.seen.astype(jnp.float32), there, placed, flags)
+    return table.reshape(-1, *table.shape[2:])
+
+
+def seen_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+    """Return x1, y1, x2, y2 of each moving body as they are seen, (4,) float32 in [0, 1]; ends: of `Features`."""
+    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
+    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
+    return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(ends, pose)]
+
+
+def speeds(progress: Progress) -> list[jax.Array]:
+    """Return vx and vy (600 px/s) and the turning (rad/s) of each moving body, (3,) float32."""
+    moves = progress.state.motion
+    x, y, turning = moves.velocity.x, moves.velocity.y, moves.angular
+    return [
+        jnp.stack([x[body] / SCREEN, y[body] / SCREEN, turning[body]]).astype(jnp.float32) for body in range(len(x))
+    ]
+
+
+def motion(features: Features, progress: Progress, steps: jax.Array) -> jax.Array:
+    """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
+
+    By object row the `speeds` of what moves; then the share of the 15 s gone by.
+
+    steps: () physics steps of a whole episode.
+    """
+    step = progress.state.step
+    objects = features.seen.shape[0]
+    index = lanes.iota(objects, step)
+    table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
+    for mover, speed in zip(features.mover, speeds(progress), strict=True):
+        table = jnp.where((index == mover[None])[:, None], speed[None], table)
+    time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler writes the division
+    seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
+    sound = progress.outcome.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
+    return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
+
+
+def _placed(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+    """Return x1, y1, x2, y2 of each moving body, (4,) px."""
+    placed = []
+    for body in range(pose.x.shape[0]):
+        x, y = pose.x[body], pose.y[body]
+        if body < ends.shape[0]:
+            cos, sin = jnp.cos(pose.angle[body]), jnp.sin(pose.angle[body])
+            turned = [(end[0] * cos - end[1] * sin, end[0] * sin + end[1] * cos) for end in ends[body]]
+            placed.append(jnp.stack([part for dx, dy in turned for part in (x + dx, y + dy)]))
+        else:
+            placed.append(jnp.stack([x, y, x, y]))
+    return placed
+
+
+def _members(features: Features) -> tuple[jax.Array, jax.Array]:
+    """Return the objects of the joints, then of the springs."""
+    return features.joints, features.springs
+
+
+def _pair_number(member: jax.Array, there: jax.Array) -> jax.Array:
+    """Return the 1-based number, among those left, of the last pair each object belongs to, (12,) int32; 0 for none."""
+    left = jnp.zeros(there.shape[1:], jnp.int32)
+    number = jnp.zeros(there.shape, jnp.int32)
+    for pair in member:
+        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~there, axis=0)
+        left = left + remains.astype(jnp.int32)
+        number = jnp.where(pair & remains[None], left[None], number)
+    return number
+
+
+def _table(
+    features: Features, start: jax.Array, there: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
+) -> jax.Array:
+    """Write what has changed over the table (12, 9) of the start: places, pairs' numbers, zeros for what is gone."""
+    index = lanes.iota(start.shape[0], there[0])
+    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (there.ndim - 1))
+    table = start
+    for body, ends in enumerate(placed):
+        whole = jax.lax.optimization_barrier(jnp.pad(ends, [(0, start.shape[1] - 4)] + [(0, 0)] * (ends.ndim - 1)))
+        here = (index == features.mover[body][None])[:, None] & (column < 4)
+        table = jnp.where(here, whole[None], table)
+    for place, member, number in zip((7, 8), _members(features), numbers, strict=True):
+        if member.shape[0]:
+            table = jnp.where(column == place, number[:, None], table)
+    return jnp.where(there[:, None], table, jnp.zeros((), table.dtype))

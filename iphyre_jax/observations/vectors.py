@@ -1,0 +1,56 @@
+"""What an agent sees of a world, as lanes of numbers; pictures are drawn in `images`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.observations.features import Features, motion, motion_size, official_rows, pose_of, rows_size
+from iphyre_jax.rollouts import Progress
+
+ObservationName = Literal["official", "motion", "image"]
+
+
+def observation_size(observation: ObservationName, objects: int, candidates: int) -> int:
+    """Return how many numbers `observe` gives.
+
+    Args:
+        observation: see `observe`.
+        objects: rows of the official table.
+        candidates: pairs of numbers behind it.
+    """
+    size = rows_size(objects) + 2 * candidates
+    return size + motion_size(objects) if observation == "motion" else size
+
+
+def observe(
+    observation: ObservationName,
+    features: Features,
+    standing: jax.Array,
+    progress: Progress,
+    steps: jax.Array,
+    *,
+    no_op: bool,
+) -> list[jax.Array]:
+    """Return the numbers of an observation of a world, float32, in parts to be put one behind the other.
+
+    Lanes stand behind the numbers.
+
+    Args:
+        observation: "motion" adds velocities and time to what is seen otherwise, see `features`.
+        features: of the scene.
+        standing: (slots,) bool, slots whose block is still there.
+        progress: of the episode.
+        steps: () of a whole episode, the unit of the time in "motion".
+        no_op: whether a candidate that does nothing, (0, 0), stands before the blocks'.
+    """
+    lanes = progress.state.step.shape
+    parts = [official_rows(features, pose_of(features, standing, progress))]
+    if no_op:
+        parts.append(jnp.zeros((2, *lanes), jnp.float32))
+    parts.append(features.candidates.astype(jnp.float32).reshape(-1, *lanes))
+    if observation == "motion":
+        parts.append(motion(features, progress, steps))
+    return parts

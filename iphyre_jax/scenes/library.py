@@ -1,0 +1,112 @@
+"""The games of the package, and the one door through which every scene comes in."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, cast
+
+from iphyre_jax.scenes.codec import check_object, scene_from_fields
+from iphyre_jax.scenes.errors import show
+from iphyre_jax.scenes.files import parse_json, read_scene
+from iphyre_jax.scenes.limits import Limits
+from iphyre_jax.scenes.scene import Scene
+
+LIBRARY_SCHEMA: Final = "iphyre_jax/scenes"
+LIBRARY_VERSION: Final = 1
+
+_LIBRARY: Final = "games.json"
+_LIBRARY_FIELDS: Final = ("schema", "version", "source", "conventions", "splits", "games")
+
+
+@cache
+def _library() -> Mapping[str, object]:
+    """Read the package's data file, once."""
+    content = files(__package__).joinpath(_LIBRARY).read_bytes()
+    return check_object(parse_json(content, _LIBRARY), _LIBRARY, LIBRARY_SCHEMA, LIBRARY_VERSION, _LIBRARY_FIELDS)
+
+
+def _splits() -> Mapping[str, tuple[str, ...]]:
+    splits = cast(Mapping[str, list[str]], _library()["splits"])
+    return MappingProxyType({split: tuple(games) for split, games in splits.items()})
+
+
+SPLITS: Final = _splits()
+"""The names of the games of each split, in the paper's order; unseen_basic is no part of the forty."""
+
+GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen_basic" for game in games)
+"""The names of the forty games, split by split."""
+
+_ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
+
+
+@cache
+def _game(name: str) -> Scene:
+    """Build a game of the package, once; a scene cannot be changed."""
+    games = cast(Mapping[str, Mapping[str, object]], _library()["games"])
+    return scene_from_fields({"name": name, **games[name]}, f"{_LIBRARY}: {name}")
+
+
+def load_scene(scene: str | os.PathLike[str] | Scene, limits: Limits | None = None) -> Scene:
+    """Load a game of the package or a scene file.
+
+    Args:
+        scene: the name of a game (of GAMES, or of the split unseen_basic), the path of a scene file, or a Scene, which
+            is returned as it is. A text is taken for a path if it is no game's name and ends in ".json", contains a
+            separator of folders, or names something that exists.
+        limits: of the scene, in place of its own: how large it may be, hence the shape of its observations and plans.
+
+    Returns:
+        The scene, valid.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        OSError: the file cannot be read.
+        ValueError: there is no such game, or fields of the file are wrong; one line for each.
+    """
+    if isinstance(scene, str) and scene in _ALL_GAMES:
+        scene = _game(scene)
+    if isinstance(scene, Scene):
+        return scene if limits in (None, scene.limits) else replace(scene, limits=limits)
+    if isinstance(scene, str) and not _looks_like_path(scene):
+        raise ValueError(_unknown_game(scene))
+    if isinstance(scene, str) or (isinstance(scene, os.PathLike) and isinstance(os.fspath(scene), str)):
+        return read_scene(scene, limits)
+    raise ValueError(f"scene: expected a game's name, the path of a scene file or a Scene, got {show(scene)}")
+
+
+def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ...]:
+    """Load names, files and scenes, at least one of them, all under the same limits.
+
+    Args:
+        scenes: a sequence of what `load_scene` takes.
+        limits: of all of them; by default the least that allow what each one's own allow.
+
+    Raises:
+        ValueError: one line, for no sequence, an empty one or whatever `load_scene` refuses.
+        OSError: a scene file cannot be read.
+    """
+    if isinstance(scenes, str | os.PathLike | Scene) or not isinstance(scenes, Sequence) or not scenes:
+        raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
+    loaded = [load_scene(scene, limits) for scene in scenes]
+    common = Limits.covering(scene.limits for scene in loaded)
+    return tuple(load_scene(scene, common) for scene in loaded)
+
+
+def _looks_like_path(text: str) -> bool:
+    if text.endswith(".json") or "/" in text or os.sep in text:
+        return True
+    try:
+        return Path(text).exists() and text != ""
+    except (OSError, ValueError):  # too long, or with a null byte
+        return False
+
+
+def _unknown_game(name: str) -> str:
+    close = get_close_matches(name[:100], _ALL_GAMES, n=3)
+    hint = f"did you mean {' or '.join(close)}?" if close else "iphyre_jax.GAMES lists them"
+    return f"scene: expected the name of a game or the path of a scene file, got {show(name)} ({hint})"

@@ -1,0 +1,113 @@
+"""The scene: what a game's file says, validated before it exists."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.scenes.errors import show
+from iphyre_jax.scenes.limits import OFFICIAL, Limits
+from iphyre_jax.scenes.validate import Labels, check_scene
+
+_LABELS: Final[Labels] = {
+    "block": "blocks",
+    "ball": "balls",
+    "eli": "eliminable",
+    "dynamic": "dynamic",
+    "joint": "joints",
+    "spring": "springs",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A start position of the game, checked and immutable.
+
+    Objects are the bars in list order, then the balls. Lengths are in px, y points down. Arrays may be given as nested
+    lists; they are copied, and the copies cannot be written to. Two scenes are equal if all their fields are, bit for
+    bit.
+
+    Attributes:
+        name: the game's name.
+        blocks: (n_blocks, 2, 2) float64, the end points of the bars' axes; every bar has a radius of 10 px.
+        balls: (n_balls, 3) float64, x, y and radius.
+        eliminable: (n_objects,) bool.
+        dynamic: (n_objects,) bool, whether the object moves.
+        joints: pairs of object indices, each held by a pin joint from centre to centre.
+        springs: pairs of object indices, each held by a damped spring from centre to centre.
+        limits: how large the scene may be, hence the shape of its observations and plans.
+
+    Raises:
+        ValueError: fields are wrong; one line for each.
+    """
+
+    name: str
+    blocks: npt.NDArray[np.float64]
+    balls: npt.NDArray[np.float64]
+    eliminable: npt.NDArray[np.bool_]
+    dynamic: npt.NDArray[np.bool_]
+    joints: tuple[tuple[int, int], ...] = ()
+    springs: tuple[tuple[int, int], ...] = ()
+    limits: Limits = OFFICIAL
+
+    def __post_init__(self) -> None:
+        """Check the fields and put them in their form."""
+        raw = {key: getattr(self, label) for key, label in _LABELS.items()}
+        flags = {key: _as_flags(raw[key]) for key in ("eli", "dynamic")}
+        draft = check_scene({"name": self.name} | raw | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
+        fields = {
+            "blocks": _frozen(draft.bars, np.float64, (-1, 2, 2)),
+            "balls": _frozen(draft.balls, np.float64, (-1, 3)),
+            "eliminable": _frozen(draft.eliminable, np.bool_, (-1,)),
+            "dynamic": _frozen(draft.dynamic, np.bool_, (-1,)),
+            "joints": tuple(draft.joints),
+            "springs": tuple(draft.springs),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def n_blocks(self) -> int:
+        """The number of bars."""
+        return len(self.blocks)
+
+    @property
+    def n_balls(self) -> int:
+        """The number of balls."""
+        return len(self.balls)
+
+    @property
+    def n_objects(self) -> int:
+        """The number of bars and balls."""
+        return self.n_blocks + self.n_balls
+
+    @property
+    def eliminable_blocks(self) -> tuple[int, ...]:
+        """The object indices of the eliminable bars in list order: the columns of a plan."""
+        return tuple(int(i) for i in np.flatnonzero(self.eliminable))
+
+    def _identity(self) -> tuple[object, ...]:
+        arrays = (self.blocks, self.balls, self.eliminable, self.dynamic)
+        return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs, self.limits)
+
+    def __eq__(self, other: object) -> bool:
+        return self._identity() == other._identity() if isinstance(other, Scene) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+
+def _as_flags(value: object) -> object:
+    """Write booleans as the 0 and 1 that a scene file has in their place."""
+    entries = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(entries, (list, tuple)):
+        return entries
+    return [int(entry) if isinstance(entry, (bool, np.bool_)) else entry for entry in entries]
+
+
+def _frozen(rows: object, dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[np.generic]:
+    """Make an array that cannot be written to."""
+    array = np.array(rows, dtype).reshape(shape)
+    array.setflags(write=False)
+    return array

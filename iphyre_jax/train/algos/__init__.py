@@ -1,0 +1,1 @@
+"""The algorithms and what they share; registry lists the functions that each must have."""

@@ -1,0 +1,201 @@
+"""Runs side by side: one row an agent, its seeds together, beside the paper's agents and people."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from iphyre_jax.envs.in_advance import OFFICIAL_FPS
+from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.evaluate import SCHEMA, VERSION
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, agent_name, markdown_table, paper_name, paper_numbers
+from iphyre_jax.train.reports.statistics import Summary, summary
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import logs, runs
+
+KINDS: Final = ("greedy", "sampled")
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """One evaluated run."""
+
+    path: Path
+    config: TrainConfig
+    games: Mapping[str, Mapping[str, Any]]  # name -> what evaluation.json says of it
+
+    def scores(self, kind: str, split: str, value: str = "reward") -> list[float]:
+        """A value of each game of a split, or of the forty for "all"; nothing if one of them was not played."""
+        names = GAMES if split == "all" else SPLITS[split]
+        if not set(names) <= set(self.games):
+            return []
+        return [float(self.games[name][kind][value]) for name in names]
+
+
+@dataclass(frozen=True)
+class Row:
+    """All seeds of one agent."""
+
+    config: TrainConfig  # of any of them
+    seeds: tuple[Evaluated, ...]
+
+    @property
+    def name(self) -> str:
+        """Agent, preset, action head, observation, the network if it is not a perceptron, whether on variations."""
+        config = self.config
+        parts = [f"{paper_name(config)} {config.preset}", config.head, config.observation]
+        parts += [config.network] if config.network != "perceptron" else []
+        return ", ".join([*parts, *(["varied"] if config.variations else [])])
+
+    def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
+        """Over the seeds; None if not all games of the split were played."""
+        scores = [seed.scores(kind, split, value) for seed in self.seeds]
+        return summary(scores) if all(scores) else None
+
+
+def read(path: Path) -> Evaluated:
+    """An evaluated run.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    config, file = runs.read_config(path), path / runs.EVALUATION
+    if not file.is_file():
+        raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
+    content = runs.read_json(file)
+    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
+        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
+    return Evaluated(path, config, {game["game"]: game for game in content["games"]})
+
+
+def rows(found: Sequence[Evaluated]) -> list[Row]:
+    """Runs whose settings differ in nothing but the seed make one row, in the order given.
+
+    Raises:
+        ValueError: one line; there are none, two are of one seed, or rates differ.
+    """
+    if not found:
+        raise ValueError("runs: expected at least one run folder")
+    groups: dict[TrainConfig, list[Evaluated]] = {}
+    for run in found:
+        groups.setdefault(dataclasses.replace(run.config, seed=0), []).append(run)
+    rates = sorted({config.fps for config in groups})
+    if len(rates) > 1:
+        raise ValueError(f"runs: expected one frame rate, got {', '.join(map(str, rates))}: rates never share a table")
+    for members in groups.values():
+        seeds = [run.config.seed for run in members]
+        if len(set(seeds)) < len(seeds):
+            raise ValueError(f"runs: expected different seeds of {agent_name(members[0].config)}, got {seeds}")
+    return [Row(members[0].config, tuple(members)) for members in groups.values()]
+
+
+def _text(found: Summary | None, success: Summary | None) -> str:
+    """Mean and success, interval, interquartile mean in one cell."""
+    if found is None or success is None:
+        return "-"
+    spread = "" if np.isnan(found.low) else f" [{found.low:.0f}, {found.high:.0f}]"
+    return f"{found.mean:.1f} {100 * success.mean:.0f}%{spread} iqm {found.iqm:.0f}"
+
+
+def table(found: Sequence[Row], kind: str) -> list[list[str]]:
+    """Cells of a table: name, seeds, splits; our rows, then the paper's people, oracle and, at 10 fps, same agents."""
+    cells = []
+    for row in found:
+        each = [_text(row.summary(kind, split), row.summary(kind, split, "success")) for split in COLUMNS]
+        cells.append([row.name, str(len(row.seeds)), *each])
+    same = [paper_name(row.config) for row in found if row.config.fps == OFFICIAL_FPS]
+    names = dict.fromkeys(["Human", "Oracle", *same])
+    for name in names:
+        if name in (agents := paper_numbers()["agents"]):
+            each = [f"{agents[name][split][0]:.1f} {agents[name][split][1]:.0f}%" for split in COLUMNS]
+            cells.append([f"paper: {name}", "-", *each])
+    return cells
+
+
+HEADER: Final = ("agent", "seeds", *(TITLES[split] for split in COLUMNS))
+
+
+def markdown(found: Sequence[Row]) -> str:
+    """Tables of greedy and sampled rewards as Markdown."""
+    parts = [f"### {kind.capitalize()} actions\n\n{markdown_table(HEADER, table(found, kind))}" for kind in KINDS]
+    return "\n\n".join(parts) + "\n"
+
+
+def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars: Path | None) -> None:
+    """Print the comparison of some runs and draw what is asked for.
+
+    Raises:
+        FileNotFoundError, ValueError: one line.
+    """
+    found = rows([read(path) for path in paths])
+    for kind in KINDS:
+        shown = Table(title=f"{kind.capitalize()} actions, {found[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
+        for title in HEADER:
+            shown.add_column(title, min_width=5 if title == "seeds" else 9)
+        for cells in table(found, kind):
+            shown.add_row(*cells)
+        console.print(shown)
+    console.print("Mean over seeds and share solved, [95 % bootstrap interval], interquartile mean.")
+    if curves is not None:
+        draw_curves(curves, found)
+    if bars is not None:
+        draw_bars(bars, found, "sampled")
+
+
+def _colour(k: int) -> tuple[float, float, float, float]:
+    """The colour of row k: twenty, of which neighbours differ by more than their lightness."""
+    red, green, blue, alpha = matplotlib.colormaps["tab20"]((2 * k + (k % 20 >= 10)) % 20)
+    return red, green, blue, alpha
+
+
+def draw_curves(path: Path, found: Sequence[Row]) -> None:
+    """Learning curves: mean over seeds of each round's reward against decisions, with the range of the seeds."""
+    figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
+    axes = figure.add_subplot()
+    for k, row in enumerate(found):
+        lines = [logs.read(seed.path) for seed in row.seeds]
+        length = min(len(each) for each in lines)
+        if length < 2:
+            continue
+        reward = np.array([[float(line["reward"]) for line in each[:length]] for each in lines])
+        decisions = np.mean([[float(line["decisions"]) for line in each[:length]] for each in lines], axis=0)
+        axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, color=_colour(k), label=row.name)
+        axes.fill_between(decisions, reward.min(axis=0), reward.max(axis=0), color=_colour(k), alpha=0.15)
+    axes.set(xscale="log", xlabel="decisions", ylabel="mean reward of training episodes")
+    axes.grid(alpha=0.3)
+    figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
+    figure.savefig(path)
+
+
+def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
+    """Rewards by split as bars, one colour an agent, with the paper's people as a line over each split."""
+    figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
+    axes, splits = figure.add_subplot(), COLUMNS[:-1]
+    width = 0.85 / len(found)
+    for k, row in enumerate(found):
+        summaries = [row.summary(kind, split) for split in splits]
+        heights = [each.mean if each else 0.0 for each in summaries]
+        low = [each.mean - each.low if each and each.seeds > 1 else 0.0 for each in summaries]
+        high = [each.high - each.mean if each and each.seeds > 1 else 0.0 for each in summaries]
+        places = np.arange(len(splits)) + (k - (len(found) - 1) / 2) * width
+        bars: dict[str, Any] = {"color": _colour(k), "error_kw": {"linewidth": 0.7}, "label": row.name}
+        axes.bar(places, heights, width, yerr=[low, high], **bars)
+    for k, split in enumerate(splits):
+        human = paper_numbers()["agents"]["Human"][split][0]
+        axes.hlines(human, k - 0.45, k + 0.45, color="black", linestyle="--", linewidth=1)
+    axes.plot([], [], color="black", linestyle="--", label="paper: Human (60 fps, best of five)")
+    axes.set_xticks(range(len(splits)), [TITLES[split] for split in splits])
+    axes.set(ylabel=f"mean reward, {kind} actions, {found[0].config.fps} fps")
+    axes.grid(axis="y", alpha=0.3)
+    figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
+    figure.savefig(path)

@@ -1,0 +1,147 @@
+"""Tables of an evaluation beside the paper's numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+from iphyre_jax.train.evaluate import Evaluation
+from iphyre_jax.train.settings.run import TrainConfig
+
+COLUMNS = ("basic", "noisy", "compositional", "multi_ball", "all")
+TITLES = {
+    "basic": "Basic",
+    "noisy": "Noisy",
+    "compositional": "Compos.",
+    "multi_ball": "Multi-ball",
+    "unseen_basic": "Unseen basic",
+    "all": "All 40",
+}
+
+
+class Row(NamedTuple):
+    """One line of the table by split."""
+
+    name: str
+    cells: tuple[str, ...]  # "reward success%" for each of COLUMNS, or "-"
+    ours: bool
+
+
+@cache
+def paper_numbers() -> Mapping[str, Any]:
+    """The paper's table: `agents` -> name -> split -> [reward, success in %], `per_game`, `source`, `protocol`."""
+    numbers: Mapping[str, Any] = json.loads(files(__package__).joinpath("paper.json").read_text("utf-8"))
+    return numbers
+
+
+ALGORITHM_NAMES = {"ppo": "PPO", "a2c": "A2C", "sac": "SAC", "ddpg": "DDPG", "dqn": "DQN", "random": "Random"}
+STRATEGY_LETTERS = {"in-advance": "I", "on-the-fly": "O", "combined": "C"}
+
+
+def paper_name(config: TrainConfig) -> str:
+    """How the paper calls the agent: PPO-I, Random."""
+    algorithm = ALGORITHM_NAMES[config.agent]
+    return algorithm if config.agent == "random" else f"{algorithm}-{STRATEGY_LETTERS[config.strategy]}"
+
+
+def agent_name(config: TrainConfig) -> str:
+    """How results name the agent: algorithm, strategy, preset, what it sees, action head, rate, seed."""
+    return (
+        f"{ALGORITHM_NAMES[config.agent]} {config.strategy}, {config.preset} preset, {config.observation} observation, "
+        f"{config.head} head, {config.fps} fps, seed {config.seed}"
+    )
+
+
+def training_name(config: TrainConfig) -> str:
+    """How results name what was trained on."""
+    return ", ".join(config.games) if config.games else f"{TITLES[config.split]} split"
+
+
+def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
+    """This run's two rows, greedy and sampled, then the paper's humans, oracle and agents."""
+    whole = {"all"} if set(COLUMNS[:-1]) <= set(evaluation.splits) else set()
+    for kind in ("greedy", "sampled"):
+        cells = []
+        for split in COLUMNS:
+            if split in evaluation.splits or split in whole:
+                score = evaluation.mean(kind, split)
+                cells.append(_cell(score.reward, 100 * score.success))
+            else:
+                cells.append("-")
+        yield Row(f"ours, {kind}", tuple(cells), True)
+    for name, by_split in paper_numbers()["agents"].items():
+        yield Row(f"paper: {name}", tuple(_cell(*by_split[split]) for split in COLUMNS), False)
+
+
+def _cell(reward: float, success: float) -> str:
+    """Reward and success rate."""
+    return f"{reward:.1f} {success:3.0f}%"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table: names to the left, numbers to the right."""
+    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, Any]) -> str:
+    """The whole report as Markdown.
+
+    Args:
+        evaluation: what was played.
+        config: of the run.
+        facts: further lines of the head, name -> value (device, commit, versions, ...).
+    """
+    paper = paper_numbers()
+    settings = {
+        "agent": agent_name(config),
+        "trained on": f"{training_name(config)}, {config.fps} physics steps a second, reset {config.resets}",
+        "physics": config.dtype,
+        "actions": f"greedy: one episode a game; sampled: {config.sampled_episodes} episodes a game",
+        "unsound worlds": str(evaluation.faults),
+        **{name: _fact(value) for name, value in facts.items()},
+    }
+    by_split = [[row.name, *row.cells] for row in split_rows(evaluation, config)]
+    parts = [
+        "# Evaluation",
+        markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),
+        "## By split: reward and success",
+        markdown_table(["", *(TITLES[split] for split in COLUMNS)], by_split),
+        f"Paper: {paper['source']}. Protocol there: {paper['protocol']}. Ours: {config.fps} fps; rewards at different "
+        "rates are not comparable.",
+        "## By game",
+        _game_table(evaluation),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _fact(value: object) -> str:
+    """A value of the head in one cell."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {version}" for name, version in value.items())
+    return "unknown" if value is None else str(value)
+
+
+def _game_table(evaluation: Evaluation) -> str:
+    """Each game with its greedy plan, its rewards and the paper's PPO-I and humans."""
+    paper = paper_numbers()["per_game"]
+    header = ["game", "split", "greedy", "solved", "sampled", "success %", "plan, s", "paper PPO-I", "paper Human"]
+    rows = []
+    for score in evaluation.games:
+        there = paper.get(score.game, {})
+        rows.append(
+            [
+                score.game,
+                TITLES[score.split],
+                f"{score.greedy.reward:.1f}",
+                "yes" if score.greedy.success else "no",
+                f"{score.sampled.reward:.1f}",
+                f"{100 * score.sampled.success:.0f}",
+                " ".join("-" if time is None else f"{time:.1f}" for time in score.plan),
+                *(f"{there[name]:.1f}" if name in there else "-" for name in ("PPO-I", "Human")),
+            ]
+        )
+    return markdown_table(header, rows)

@@ -1,0 +1,1 @@
+"""The settings of a training run: of its agent, of the run, and presets."""

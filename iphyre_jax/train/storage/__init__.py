@@ -1,0 +1,1 @@
+"""Run folders, checkpoints, logs and the trained policies of the package."""

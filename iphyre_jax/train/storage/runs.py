@@ -1,0 +1,121 @@
+"""Run folders: what a training run leaves behind, and how it is read again.
+
+config.json       settings, versions, device, commit
+metrics.csv       one line a round, written as it goes
+checkpoints/      states of the run, the newest two (`checkpoint.py`)
+curve.png         learning curve
+evaluation.json   and evaluation.md: the trained policy's games
+"""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from iphyre_jax.provenance import provenance
+from iphyre_jax.train.evaluate import Evaluation
+from iphyre_jax.train.reports.report import agent_name, markdown
+from iphyre_jax.train.settings.run import TrainConfig, config_from_json
+from iphyre_jax.train.storage import checkpoint
+from iphyre_jax.train.storage.logs import replace_text
+from iphyre_jax.train.trainer import RunState
+
+SCHEMA: Final = "iphyre_jax/run"
+VERSION: Final = 2
+CONFIG, EVALUATION = "config.json", "evaluation.json"
+
+
+def default_path(config: TrainConfig, root: Path = Path("runs")) -> Path:
+    """A new folder's path, named after the run and the time."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    trained_on = "some-games" if config.games else config.split
+    name = f"{config.agent}-{config.strategy}-{config.head}-{trained_on}-{config.fps}fps-seed{config.seed}-{stamp}"
+    return root / name
+
+
+def create(path: Path, config: TrainConfig) -> None:
+    """Make a run folder and write its config.json.
+
+    Raises:
+        ValueError: one line; a setting cannot work, or the path exists and is not an empty folder.
+    """
+    config.check()
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ValueError(f"{path}: expected a new or empty folder for the run")
+    path.mkdir(parents=True, exist_ok=True)
+    facts = {"started": datetime.now().astimezone().isoformat(timespec="seconds"), **provenance()}
+    content = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "agent": agent_name(config),
+        "settings": config.to_json(),
+        **facts,
+    }
+    _write_json(path / CONFIG, content)
+
+
+def read_config(path: Path) -> TrainConfig:
+    """The settings of a run.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    file = path / CONFIG
+    if not file.is_file():
+        raise FileNotFoundError(f"{path}: not a run folder, there is no {CONFIG}")
+    content = read_json(file)
+    if content.get("schema") != SCHEMA:
+        raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
+    if content.get("version") != VERSION:
+        raise ValueError(f"{file}: version: expected {VERSION}, got {content.get('version')!r}")
+    return config_from_json(content.get("settings"), file)
+
+
+def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tuple[TrainConfig, RunState]:
+    """Settings and state of a finished or interrupted run; see `checkpoint.load`.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    config = read_config(path)
+    return config, checkpoint.load(path, config, name, to_resume=to_resume)
+
+
+def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, rounds: int) -> None:
+    """Write evaluation.json and evaluation.md into a run folder.
+
+    Args:
+        path: of the folder.
+        config: of the run.
+        evaluation: of the policy.
+        rounds: that the policy was trained for.
+    """
+    facts = {
+        "rounds trained": f"{rounds} of {config.updates}, {rounds * config.episodes_per_update} episodes",
+        **provenance(),
+    }
+    content = {"agent": agent_name(config), "settings": config.to_json(), **facts, **evaluation.to_json()}
+    replace_text(path / "evaluation.md", markdown(evaluation, config, facts))
+    _write_json(path / EVALUATION, content)
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """An object from a JSON file.
+
+    Raises:
+        ValueError: one line naming the file.
+    """
+    try:
+        content = json.loads(file.read_text("utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{file}: not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{file}: expected an object, got {type(content).__name__}")
+    return content
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write readable JSON; the file is whole at any moment."""
+    replace_text(path, json.dumps(content, indent=1) + "\n")

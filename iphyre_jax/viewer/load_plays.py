@@ -1,0 +1,90 @@
+"""Where plays come from: files of plays, run folders, and the best plans known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes.errors import one_line, show
+from iphyre_jax.scenes.files import parse_json
+from iphyre_jax.scenes.limits import MAX_NAME
+from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
+
+BEST: Final = "best"
+MAX_FOLDER_FILE: Final = 20_000_000  # bytes of a run's JSON file
+
+
+def load_plays(source: str | Path) -> list[Play]:
+    """Return the plays of a source.
+
+    Args:
+        source: a file of plays (JSON lines), a run folder that holds an evaluation of plans, or "best" for the best
+            plans known at 60 steps a second.
+
+    Raises:
+        FileNotFoundError, OSError, ValueError: one line that names the source and what was expected.
+    """
+    if str(source) == BEST:
+        return list(best_plays().values())
+    path = Path(source)
+    plays = _run(path) if path.is_dir() else read_plays(path)
+    if not plays:
+        raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
+    return plays
+
+
+@cache
+def best_plays() -> Mapping[str, Play]:
+    """Return for each of the forty games the best plan that `viewer.search` has found at 60 steps a second."""
+    name = "best_plans.json"
+    content: Any = parse_json(files(__package__).joinpath(name).read_bytes(), name)
+    return {line["scene"]: play_from_json(line, name) for line in content["plays"]}
+
+
+def _run(path: Path) -> list[Play]:
+    """Return the greedy plans of a run's evaluation."""
+    config, evaluation = (_object(path / name) for name in ("config.json", "evaluation.json"))
+    settings = config.get("settings")
+    games = evaluation.get("games")
+    if not isinstance(settings, Mapping) or not isinstance(games, list):
+        raise ValueError(f"{one_line(str(path))}: expected the settings of a run and an evaluation of its games")
+    return [_greedy(game, settings, path, k) for k, game in enumerate(games)]
+
+
+def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
+    """Return the greedy plan of one game of an evaluation."""
+    source = f"{one_line(str(path / 'evaluation.json'))}: games[{index}]"
+    if not isinstance(game, Mapping) or not isinstance(game.get("game"), str):
+        raise ValueError(f"{source}: expected an object with the name of a game, got {show(game)}")
+    seconds, fps = game.get("plan"), settings.get("fps", 10)
+    numbers = (int, float, type(None))
+    if not isinstance(seconds, list) or not all(isinstance(second, numbers) for second in seconds):
+        raise ValueError(f"{source}: plan: expected seconds for each block, or null, got {show(seconds)}")
+    if not seconds:
+        raise ValueError(f"{source}: plan: expected one, got none; only agents that plan in advance leave plans")
+    if not isinstance(fps, int) or isinstance(fps, bool) or any(s is not None and not 0 <= s < 1e6 for s in seconds):
+        raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
+    plan = [-1 if second is None else round(second * fps) for second in seconds]
+    blocks = len(load_scene(game["game"]).eliminable_blocks)
+    fields = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "agent": one_line(path.resolve().name).strip()[:MAX_NAME] or "run",
+    }
+    how = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
+    return play_from_json(fields | how | {"scene": game["game"], "plan": plan[:blocks]}, source)
+
+
+def _object(path: Path) -> Mapping[str, Any]:
+    name = one_line(str(path))
+    if not path.is_file():
+        hint = "; `iphyre-jax evaluate` writes it" if path.name == "evaluation.json" else ""
+        raise FileNotFoundError(f"{name}: expected this file of a run folder, but there is none{hint}")
+    content = parse_json(path.read_bytes(), name)
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{name}: expected an object, got {show(content)}")
+    return content

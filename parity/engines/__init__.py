@@ -1,0 +1,1 @@
+"""The two engines, played side by side and looked into."""

@@ -1,0 +1,150 @@
+"""Our solver, made to show what happens inside each of its steps.
+
+One world goes step by step through the same stages as `iphyre_jax.physics.step`; the tests hold that the state that
+comes out is that of `step` itself.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax import Scene
+from iphyre_jax.physics import State, Timing, Topology, World, broad_phase, contacts, eliminate, joints, shapes, solver
+from iphyre_jax.physics.step import initial_state, integrate_positions, integrate_velocities
+from iphyre_jax.physics.types import BroadPhase, Motion
+from iphyre_jax.physics.vector import Vec
+from iphyre_jax.scenes.compile import build, static_order, timing
+from parity.engines.reference import BodyState
+from parity.engines.views import Floats, Layout, Stages, StepView, our_view
+
+
+@partial(jax.jit, static_argnums=0)
+def staged_step(topology: Topology, world: World, timing: Timing, state: State) -> Stages:
+    """Make one step of one world as `iphyre_jax.physics.step` does and keep what the stages computed."""
+    moved = integrate_positions(state, timing)
+    shape = shapes.world_shapes(topology, world, moved)
+    boxes = shapes.moving_boxes(topology, shape)
+    broad = broad_phase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
+    points, touching, side = contacts.collide(topology, world, shape, broad, moved.side)
+    used = jnp.minimum(jnp.max(touching), topology.slots)
+
+    motions = solver.unstack(moved.motion, topology.moving)
+    contact = solver.prestep(world, timing, points, used, motions, moved.cache)
+    links = joints.prepare(topology, world, timing, moved)
+    motions = joints.apply_springs(topology, links, motions, moved.place)
+    motions = integrate_velocities(motions, timing)
+    motions = solver.apply_cached(world, contact, used, motions)
+    motions = joints.apply_cached(topology, links, motions, moved.place)
+    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, moved.place)
+
+    impulses = [link.impulse for link in links]
+    pins = impulses[: len(topology.pins)]
+    after = replace(
+        moved,
+        motion=solver.stack(motions),
+        broad=broad,
+        side=side,
+        cache=solver.remember(moved.cache, contact),
+        pin_impulse=jnp.stack(pins) if pins else moved.pin_impulse,
+        step=moved.step + 1,
+        overflow=moved.overflow | (touching > topology.slots),
+    )
+    return Stages(
+        after,
+        contact,
+        touching,
+        _low_is_a(topology, world, broad),
+        jnp.stack(impulses) if impulses else moved.pin_impulse,
+    )
+
+
+def _low_is_a(topology: Topology, world: World, broad: BroadPhase) -> jax.Array:
+    """Role of the lower index in every pair of moving bodies, (P,) bool."""
+    roles = broad_phase.order(topology, world, broad).low_is_a
+    return jnp.stack(roles) if roles else jnp.zeros(0, bool)
+
+
+def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
+    """Put the reference's state into ours: poses, velocities, and the impulses of the last step's contacts and pins.
+
+    Bias velocities stay ours: the reference shows only what they did. The rest of the cache and the bookkeeping of the
+    order hold no continuous values.
+
+    Args:
+        layout: which object each body is.
+        state: ours after the last step.
+        bodies: the reference's after the same step.
+        last: the reference's view of that step, whose contact rows are in the order of our slots; None at the start.
+
+    Returns:
+        Our state with the reference's numbers.
+    """
+    moving = list(layout.moving)
+
+    def vec(values: Floats) -> Vec:
+        return Vec(jnp.asarray(values[moving, 0]), jnp.asarray(values[moving, 1]))
+
+    motion = state.motion
+    velocity, angular = vec(bodies.velocity), jnp.asarray(bodies.angular_velocity[moving])
+    state = replace(
+        state,
+        position=vec(bodies.position),
+        angle=jnp.asarray(bodies.angle[moving]),
+        motion=Motion(velocity, angular, motion.bias_velocity, motion.bias_angular),
+    )
+    if last is None:
+        return state
+    rows, pins = len(last.pairs), len(layout.topology.pins)
+    cache = state.cache
+    cache = replace(
+        cache,
+        normal_impulse=cache.normal_impulse.at[0, :rows].set(last.impulses[:, 0]),
+        tangent_impulse=cache.tangent_impulse.at[0, :rows].set(last.impulses[:, 1]),
+    )
+    size = jnp.asarray(np.nan_to_num(last.links[:pins]))  # the reference tells a pin's impulse without its sign
+    return replace(state, cache=cache, pin_impulse=jnp.copysign(size, state.pin_impulse) if pins else state.pin_impulse)
+
+
+class OurWorld:
+    """One world of ours, stepped one step at a time in float64.
+
+    Args:
+        scene: the scene.
+        resets: see `iphyre_jax.simulate`.
+        fps: physics steps a second.
+    """
+
+    def __init__(self, scene: Scene, resets: int, fps: int) -> None:
+        self.scene = scene
+        self.layout, self.world, self.timing = built(scene, resets, fps)
+        self.state = initial_state(self.layout.topology, self.world)
+
+    def eliminate(self, index: int) -> None:
+        """Remove object `index`, a static bar."""
+        removed = np.arange(self.layout.topology.statics) == self.layout.statics.index(index)
+        self.state = eliminate(self.layout.topology, self.world, self.state, jnp.asarray(removed))
+
+    def step(self) -> StepView:
+        """Make one step."""
+        stages = staged_step(self.layout.topology, self.world, self.timing, self.state)
+        self.state = stages.state
+        return our_view(self.layout, self.scene, stages)
+
+
+def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:
+    """Build the solver's world of a scene in float64, with the meaning of its body indices.
+
+    Args:
+        scene: the scene.
+        resets: number of the reset.
+        fps: physics steps a second.
+
+    Returns:
+        Layout, world and timing.
+    """
+    topology, world = build(scene, resets=resets, dtype="float64")
+    moving = [int(i) for i in np.flatnonzero(scene.dynamic)]
+    return Layout(topology, tuple(moving), static_order(scene, resets)), world, timing(fps, "float64")

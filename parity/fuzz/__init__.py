@@ -1,0 +1,1 @@
+"""Random scenes, played in both engines and made small where they differ."""

@@ -1,0 +1,1 @@
+"""The official class and our environments, compared."""

@@ -1,0 +1,49 @@
+"""Search the forty games for good plans at 60 steps a second and write `iphyre_jax/viewer/best_plans.json`.
+
+Takes some minutes. A game whose plan in the file is as good or better keeps it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import iphyre_jax
+from iphyre_jax.viewer.plays import play_to_json
+from iphyre_jax.viewer.search import search
+
+FILE = Path(iphyre_jax.__file__).parent / "viewer" / "best_plans.json"
+AGENT = "best plan known"
+SOURCE = "random search in this simulator, tools/best_plans.py; 60 steps a second, float64, fresh space"
+
+
+def main() -> None:
+    """Search, compare, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("games", nargs="*", default=list(iphyre_jax.GAMES))
+    parser.add_argument("--plans", type=int, default=2048)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    known = _known()
+    for game in options.games:
+        best = search(iphyre_jax.load_scene(game), plans=options.plans, seed=options.seed)
+        old = known.get(game)
+        if old is None or best.reward > old["result"]["reward"]:
+            known[game] = play_to_json(best, AGENT, {"seed": options.seed, "plans": options.plans})
+        print(f"{game}: found {best.reward:.2f}, best {known[game]['result']['reward']:.2f}", flush=True)
+        lines = [json.dumps(known[name]) for name in iphyre_jax.GAMES if name in known]
+        plays = ",\n  ".join(lines)
+        FILE.write_text(f'{{"source": {json.dumps(SOURCE)},\n "plays": [\n  {plays}\n ]}}\n', "utf-8")
+
+
+def _known() -> dict[str, dict[str, Any]]:
+    """Return the lines of the file as it is, by game."""
+    if not FILE.is_file():
+        return {}
+    return {line["scene"]: line for line in json.loads(FILE.read_text("utf-8"))["plays"]}
+
+
+if __name__ == "__main__":
+    main()
