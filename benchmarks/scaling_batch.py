@@ -13,7 +13,7 @@ from benchmarks.measure import Measurement, compare
 from benchmarks.worker_pool import Crew
 from benchmarks.workload import make_work
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.programs import progress_layout
+from iphyre_jax.execution.programs import episode_layout
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,6 @@ def scale(
 def carried_bytes(game: str, dtype: str) -> int:
     """Bytes of what a world of a game carries from step to step: its state and its outcome so far."""
     topology, _ = cached_world(iphyre_jax.load_scene(game), 1, dtype)
-    layout = progress_layout(topology, dtype)
+    layout = episode_layout(topology, dtype)
     arrays = zip(layout.shapes, layout.dtypes, strict=True)
     return sum(math.prod(shape) * np.dtype(kind).itemsize for shape, kind in arrays)

@@ -22,12 +22,12 @@ FAULT_NOT_FINITE = 2  # a position or velocity is infinite or not a number
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Outcome:
+class EpisodeResult:
     """What came out of an episode so far, as of the last step that counted; n moving bodies."""
 
     position: Vec  # (n,) px
     angle: jax.Array  # (n,) rad
-    over: jax.Array  # () bool, solved or faulted
+    done: jax.Array  # () bool, solved or faulted
     success: jax.Array  # () bool
     steps: jax.Array  # () int32, physics steps made, the solving one included
     eliminations: jax.Array  # () int32, blocks removed by then
@@ -36,69 +36,71 @@ class Outcome:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Progress:
+class EpisodeState:
     """An episode under way."""
 
     state: State
-    outcome: Outcome
+    result: EpisodeResult
 
 
-def begin(topology: Topology, world: World, over: jax.Array) -> Progress:
+def reset_episode(topology: Topology, world: World, done: jax.Array) -> EpisodeState:
     """Return an episode before its first step.
 
-    over: () bool, True for a lane that is not to be played at all.
+    done: () bool, True for a lane that is not to be played at all.
     """
     state = initial_state(topology, world)
     zero = jnp.zeros_like(state.step)
     no = zero != 0
-    return Progress(state, Outcome(state.position, state.angle, over | no, no, zero, zero, zero))
+    return EpisodeState(state, EpisodeResult(state.position, state.angle, done | no, no, zero, zero, zero))
 
 
-def advance(
-    topology: Topology, world: World, timing: Timing, plan: jax.Array, progress: Progress, until: jax.Array
-) -> Progress:
-    """Play on until the step count reaches `until` (traced) or every lane is over.
+def run_until(
+    topology: Topology, world: World, timing: Timing, plan: jax.Array, episode: EpisodeState, stop_step: jax.Array
+) -> EpisodeState:
+    """Play on until the step count reaches `stop_step` (traced) or every lane is over.
 
     plan: (S,) int32, the 0-based step before which the block of that plan column is removed; -1 means never.
     """
-    removal = jnp.full_like(world.column, -1)
+    removal = jnp.full_like(world.plan_slot, -1)
     for column in range(plan.shape[0]):
-        removal = jnp.where(world.column == column, jnp.expand_dims(plan[column], 0), removal)
+        removal = jnp.where(world.plan_slot == column, jnp.expand_dims(plan[column], 0), removal)
 
-    def running(carry: tuple[jax.Array, Progress]) -> jax.Array:
-        return (carry[0] < until) & ~jnp.all(carry[1].outcome.over)
+    def running(carry: tuple[jax.Array, EpisodeState]) -> jax.Array:
+        return (carry[0] < stop_step) & ~jnp.all(carry[1].result.done)
 
-    def once(carry: tuple[jax.Array, Progress]) -> tuple[jax.Array, Progress]:
-        k, progress = carry
-        return k + 1, play_step(topology, world, timing, progress, removal == k)
+    def once(carry: tuple[jax.Array, EpisodeState]) -> tuple[jax.Array, EpisodeState]:
+        k, episode = carry
+        return k + 1, episode_step(topology, world, timing, episode, removal == k)
 
-    return jax.lax.while_loop(running, once, (jnp.max(progress.state.step), progress))[1]
+    return jax.lax.while_loop(running, once, (jnp.max(episode.state.step), episode))[1]
 
 
-def play_step(topology: Topology, world: World, timing: Timing, progress: Progress, removed: jax.Array) -> Progress:
+def episode_step(
+    topology: Topology, world: World, timing: Timing, episode: EpisodeState, removed: jax.Array
+) -> EpisodeState:
     """Remove static bars, (S,) bool, make one step and keep the score. An episode that is over keeps its result.
 
     The static bars of an episode that is over are taken away, so that it costs its neighbours nothing.
     """
-    old, over = progress.outcome, progress.outcome.over
-    removed = removed & progress.state.alive
-    count = jnp.where(over, 0, jnp.sum(removed, axis=0, dtype=jnp.int32))
-    state = eliminate(topology, world, progress.state, removed | jnp.expand_dims(over, 0))
+    old, done = episode.result, episode.result.done
+    removed = removed & episode.state.alive
+    count = jnp.where(done, 0, jnp.sum(removed, axis=0, dtype=jnp.int32))
+    state = eliminate(topology, world, episode.state, removed | jnp.expand_dims(done, 0))
     state = step(topology, world, timing, state)
     solved = jnp.all(state.position.y[topology.bars :] > FLOOR, axis=0)
     fault = jnp.where(_finite(state), jnp.where(state.overflow, FAULT_OVERFLOW, 0), FAULT_NOT_FINITE)
     success = solved & (fault == 0)
-    new = Outcome(
+    new = EpisodeResult(
         position=state.position,
         angle=state.angle,
-        over=success | (fault != 0),
+        done=success | (fault != 0),
         success=success,
         steps=old.steps + 1,
         eliminations=old.eliminations + count,
         fault=fault,
     )
-    return Progress(
-        state, jax.tree.map(lambda was, now: jnp.where(jnp.broadcast_to(over, now.shape), was, now), old, new)
+    return EpisodeState(
+        state, jax.tree.map(lambda was, now: jnp.where(jnp.broadcast_to(done, now.shape), was, now), old, new)
     )
 
 
@@ -107,15 +109,15 @@ def _finite(state: State) -> jax.Array:
     motion = state.motion
     total = sum(
         jnp.abs(part)
-        for part in (state.position.x, state.position.y, motion.velocity.x, motion.velocity.y, motion.angular)
+        for part in (state.position.x, state.position.y, motion.velocity.x, motion.velocity.y, motion.angular_velocity)
     )
     return jnp.all(jnp.isfinite(total), axis=0)
 
 
-def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> Outcome:
+def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:
     """Play whole episodes: `steps` physics steps (traced) or until every lane is over.
 
     plan: (S, *lanes) int32, column s belongs to the s-th eliminable block; -1 means never.
     """
-    never_over = jnp.zeros(world.start.x.shape[1:], bool)
-    return advance(topology, world, timing, plan, begin(topology, world, never_over), steps).outcome
+    never_done = jnp.zeros(world.start.x.shape[1:], bool)
+    return run_until(topology, world, timing, plan, reset_episode(topology, world, never_done), steps).result

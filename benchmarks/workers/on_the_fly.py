@@ -19,7 +19,7 @@ import numpy as np
 
 import iphyre_jax
 from iphyre_jax.envs import Batch, Environment, EnvParams, EnvState, Steps, unroll
-from iphyre_jax.envs.episode_timing import PROTOCOLS
+from iphyre_jax.envs.protocols import PROTOCOLS
 
 CHANCE = 0.06  # of a click at a slot, at each decision
 

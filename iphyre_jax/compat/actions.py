@@ -13,7 +13,7 @@ from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import Score, clock, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
-from iphyre_jax.scenes.compile import build, timing
+from iphyre_jax.scenes.compile import compile_scene, step_timing
 
 FPS = 60
 DTYPE = "float64"
@@ -113,12 +113,12 @@ def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: fl
 
 def _play(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
     """Play plans in successive resets of one space; solved, blocks removed and seconds of each."""
-    built = [build(scene, resets=resets + k, dtype=DTYPE) for k in range(len(plans))]
+    built = [compile_scene(scene, resets=resets + k, dtype=DTYPE) for k in range(len(plans))]
     steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
     program = Score(built[0][0], DTYPE, BATCH, steps.shape[1])
     worlds = world_layout(program.topology, DTYPE).pack_many([world for _, world in built])
     frames = np.array([len(official_clock(FPS)), 1], np.int32)
-    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), clock(timing(FPS, DTYPE)), frames)[0]
+    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), clock(step_timing(FPS, DTYPE)), frames)[0]
     solved, removed, fault = counts[0], counts[2], counts[3]
     if fault.any():
         raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {fault.max()})")

@@ -93,9 +93,9 @@ class IPHYRE:
             ValueError: no such clicks, or `reset` was not called; one line.
         """
         frames = self.frames()
-        standing = int(self._started.alive.sum())
+        present = int(self._started.alive.sum())
         made, solved = self.play_plan(self.removals(action), 0, len(frames))
-        removed = standing - int(self._started.alive.sum())
+        removed = present - int(self._started.alive.sum())
         return int(solved), removed, [*frames, frames[-1] + self.timestep][made]
 
     def get_action_space(self) -> list[list[float]]:

@@ -10,17 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batching.stretches import Stretch, play_lanes
+from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
-from iphyre_jax.execution.programs import clock, progress_layout, world_layout
+from iphyre_jax.execution.programs import clock, episode_layout, world_layout
 from iphyre_jax.observations.official import object_rows, scene_features
 from iphyre_jax.physics import eliminate
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.rollouts import Progress, begin
+from iphyre_jax.rollouts import EpisodeState, reset_episode
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import timing
+from iphyre_jax.scenes.compile import step_timing
 
 DTYPE = "float64"
 NO_SLOT = -2  # bars that no slot removes have column -1
@@ -33,7 +33,7 @@ class OfficialStep:
     The official class never refuses a step.
     """
 
-    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "envs/batching/stretches.py", "compat/world.py")
+    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "envs/batching/play_requests.py", "compat/world.py")
 
     topology: Topology
 
@@ -52,25 +52,27 @@ class OfficialStep:
 
         The order: the slot whose block goes, NO_SLOT for none; steps to play; 1 if the episode begins.
         """
-        world, progress = world_layout(self.topology, DTYPE), progress_layout(self.topology, DTYPE)
+        world, episode = world_layout(self.topology, DTYPE), episode_layout(self.topology, DTYPE)
         return (
             jax.ShapeDtypeStruct((world.rows, 1), world.word),
             jax.ShapeDtypeStruct((programs.CLOCK,), DTYPE),
             jax.ShapeDtypeStruct((3,), "int32"),
-            jax.ShapeDtypeStruct((progress.rows, 1), progress.word),
+            jax.ShapeDtypeStruct((episode.rows, 1), episode.word),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episode, (rows, 1)."""
         words, numbers, order, episode = arguments
-        world, layout = world_layout(self.topology, DTYPE).unpack(words), progress_layout(self.topology, DTYPE)
+        world, layout = world_layout(self.topology, DTYPE).unpack(words), episode_layout(self.topology, DTYPE)
         no = jnp.zeros(1, bool)
-        progress = jax.lax.cond(order[2] != 0, lambda: begin(self.topology, world, no), lambda: layout.unpack(episode))
-        state = eliminate(self.topology, world, progress.state, world.column == order[0])
-        going = Progress(state, replace(progress.outcome, over=no, success=no))
+        episode = jax.lax.cond(
+            order[2] != 0, lambda: reset_episode(self.topology, world, no), lambda: layout.unpack(episode)
+        )
+        state = eliminate(self.topology, world, episode.state, world.plan_slot == order[0])
+        going = EpisodeState(state, replace(episode.result, done=no, success=no))
         never = jnp.full((1, 1), NO_SLOT, jnp.int32)
-        stretch = Stretch(jnp.zeros(1, jnp.int32), never, state.step + order[1])
-        return (layout.pack(play_lanes(self.topology, programs.timing_of(numbers), world, stretch, going)),)
+        request = PlayRequest(jnp.zeros(1, jnp.int32), never, state.step + order[1])
+        return (layout.pack(run_requests(self.topology, programs.timing_of(numbers), world, request, going)),)
 
 
 class SteppedWorld:
@@ -87,18 +89,18 @@ class SteppedWorld:
         self.features = scene_features(scene)
         self.alive = np.array(self.features.present)  # (12,) bool, objects that are there
         topology, world = cached_world(scene, resets, DTYPE)
-        self._layout = progress_layout(topology, DTYPE)
+        self._layout = episode_layout(topology, DTYPE)
         self._run = executable(OfficialStep(topology))
         self._world = world_layout(topology, DTYPE).pack_many([world])
-        self._clock = clock(timing(fps, DTYPE))
-        self._episode = np.zeros((self._layout.rows, 1), self._layout.word)
+        self._clock = clock(step_timing(fps, DTYPE))
+        self._words = np.zeros((self._layout.rows, 1), self._layout.word)
         self._call(begins=True)
 
     def _call(self, *, slot: int = NO_SLOT, steps: int = 0, begins: bool = False) -> None:
         """Begin, or take out the block of a slot and play on."""
         order = np.array([slot, steps, begins], np.int32)
-        self._episode = self._run(self._world, self._clock, order, self._episode)[0]
-        self._progress: Progress = jax.tree.map(lambda leaf: leaf[..., 0], self._layout.unpack_numpy(self._episode))
+        self._words = self._run(self._world, self._clock, order, self._words)[0]
+        self._episode: EpisodeState = jax.tree.map(lambda leaf: leaf[..., 0], self._layout.unpack_numpy(self._words))
 
     def remove(self, block: int) -> None:
         """Take an eliminable block out, with its joints and springs."""
@@ -117,18 +119,18 @@ class SteppedWorld:
         Raises:
             RuntimeError: the world is no longer sound; one line.
         """
-        before = int(self._progress.state.step)
+        before = int(self._episode.state.step)
         self._call(steps=steps)
-        outcome = self._progress.outcome
-        if outcome.fault:
-            raise RuntimeError(f"{self.scene.name}: the world is no longer sound (fault {int(outcome.fault)})")
-        return int(self._progress.state.step) - before, steps > 0 and bool(outcome.success)
+        result = self._episode.result
+        if result.fault:
+            raise RuntimeError(f"{self.scene.name}: the world is no longer sound (fault {int(result.fault)})")
+        return int(self._episode.state.step) - before, steps > 0 and bool(result.success)
 
     def poses(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return centres (12, 2) in px and angles (12,) in rad of all objects, removed ones where they stood."""
         position, angle = np.array(self.features.position), np.zeros(len(self.alive))
         movers = np.flatnonzero(self.scene.dynamic)
-        state = self._progress.state
+        state = self._episode.state
         position[movers, 0], position[movers, 1] = state.position.x, state.position.y
         angle[movers] = state.angle
         return position, angle

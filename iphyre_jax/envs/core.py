@@ -21,8 +21,8 @@ from jax.typing import ArrayLike
 from iphyre_jax.envs.batching.host_worlds import HostWorlds
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.batching.traced_worlds import TracedWorlds
-from iphyre_jax.envs.episode_timing import Protocol
 from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, Worlds
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.execution.batching import cached_world
@@ -64,7 +64,7 @@ class Environment:
     name: str = field(compare=False)
     games: tuple[str, ...] = field(compare=False)
     strategy: Strategy
-    protocol: Protocol
+    protocol: EpisodeProtocol
     topologies: tuple[Topology, ...]
     dtype: str = "float32"
     observation: ObservationName = "official"
@@ -195,11 +195,11 @@ class Environment:
             As `step`.
         """
         before = self.worlds.status(params, state)
-        order = self.strategy.order(action, before.step, before.executed, before.standing, self.protocol)
+        order = self.strategy.order(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
-        until = jnp.where(ended, before.step, order.until)
+        stop_step = jnp.where(ended, before.step, order.stop_step)
         executed = jnp.where(ended, before.executed, order.used)
-        out = self.worlds.play(params, state, order.plan, until, executed, next_game)
+        out = self.worlds.play(params, state, order.plan, stop_step, executed, next_game)
         info = self._info(out.status)
         if self.final_observation:
             info["final_observation"] = self._shown(params, out.last_state, out.last_seen)

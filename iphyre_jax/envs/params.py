@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 
 from iphyre_jax.envs.batching.status import Status
-from iphyre_jax.envs.episode_timing import Protocol
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.observations.features import Features, Pose
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.types import Topology
@@ -62,7 +62,7 @@ class Worlds(ABC):
 
     topologies: tuple[Topology, ...]
     dtype: str
-    protocol: Protocol
+    protocol: EpisodeProtocol
     observation: ObservationName
     limits: Limits
     no_op: bool
@@ -85,7 +85,7 @@ class Worlds(ABC):
         params: Any,  # noqa: ANN401
         state: Any,  # noqa: ANN401
         plan: jax.Array,
-        until: jax.Array,
+        stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
     ) -> Played:
@@ -95,7 +95,7 @@ class Worlds(ABC):
             params: the games.
             state: of the episode.
             plan: (slots,) int32, the step before which each slot's block goes; -1 or a step gone by: it stays.
-            until: () int32, the step to play to, unless the episode ends before.
+            stop_step: () int32, the step to play to, unless the episode ends before.
             executed: (slots,) bool, slots that a combined plan has executed then.
             next_game: () int32, the game of the episode that follows if this one has ended; -1 for none.
         """

@@ -7,8 +7,8 @@ from difflib import get_close_matches
 from typing import Final, get_args
 
 from iphyre_jax.envs.core import BackendName, Environment
-from iphyre_jax.envs.episode_timing import Protocol, protocol_named
 from iphyre_jax.envs.params import EnvParams, SceneLike
+from iphyre_jax.envs.protocols import EpisodeProtocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
@@ -114,7 +114,7 @@ def environment_of(
     scenes: Sequence[Scene],
     *,
     strategy: str,
-    protocol: str | Protocol,
+    protocol: str | EpisodeProtocol,
     dtype: str,
     observation: ObservationName,
     image_size: int | None,
@@ -134,7 +134,7 @@ def environment_of(
         raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
     if backend not in (None, *get_args(BackendName)):
         raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
-    timing = protocol if isinstance(protocol, Protocol) else protocol_named(protocol)
+    timing = protocol if isinstance(protocol, EpisodeProtocol) else protocol_named(protocol)
     limits = scenes[0].limits
     built = [cached_world(scene, timing.resets, dtype) for scene in scenes]
     environment = Environment(

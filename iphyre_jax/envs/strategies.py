@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.episode_timing import FRAMES, Protocol
+from iphyre_jax.envs.protocols import FRAMES, EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Discrete, Space
 from iphyre_jax.physics import lanes
 from iphyre_jax.scenes import MAX_ELIMINABLE
@@ -33,7 +33,7 @@ class Order(NamedTuple):
     """What an action asks of the physics."""
 
     plan: jax.Array  # (slots,) int32, the step before which each slot's block goes, -1 for never
-    until: jax.Array  # () int32, steps made when the next action is due
+    stop_step: jax.Array  # () int32, steps made when the next action is due
     used: jax.Array  # (slots,) bool, slots that were ever executed
 
 
@@ -62,7 +62,7 @@ class InAdvance:
         return Box(0.0, 1.0, (self.slots,))
 
     def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
     ) -> Order:
         """Return what an action asks for; see `Strategy`."""
         instant = instants(action)
@@ -92,7 +92,7 @@ class OnTheFly:
         return Discrete(self.slots + 1)
 
     def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
     ) -> Order:
         """Return what an action asks for; see `Strategy`."""
         slot = lanes.iota(self.slots, step) + 1
@@ -132,17 +132,17 @@ class Combined:
         return Box(0.0, 1.0, (self.slots,))
 
     def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, standing: jax.Array, protocol: Protocol
+        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
     ) -> Order:
         """Return what an action asks for; see `Strategy`."""
         instant, now = instants(action), step // protocol.steps_per_frame
         end = jnp.asarray(_ENDS if self.late_frame else np.full_like(_ENDS, FRAMES))[now]
-        due = _is_lowest(instant) & ~used & standing & (instant >= jnp.maximum(now, 1)[None]) & (instant < end[None])
+        due = _is_lowest(instant) & ~used & present & (instant >= jnp.maximum(now, 1)[None]) & (instant < end[None])
         frame = jnp.min(jnp.where(due, instant, end[None]), axis=0)
         chosen = due & (instant == frame[None])
         plan = jnp.where(chosen, (frame * protocol.steps_per_frame)[None], NEVER)
-        until = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
-        return Order(plan, until, used | chosen)
+        stop_step = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
+        return Order(plan, stop_step, used | chosen)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""

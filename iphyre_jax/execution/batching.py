@@ -14,7 +14,7 @@ from iphyre_jax.execution.layout import Words, filled
 from iphyre_jax.execution.programs import SPARE, world_layout
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import MAX_ELIMINABLE
-from iphyre_jax.scenes.compile import build
+from iphyre_jax.scenes.compile import compile_scene
 from iphyre_jax.scenes.scene import Scene
 
 SCENES_KEPT: Final = 4096  # compiled scenes; some kilobytes each
@@ -25,7 +25,7 @@ Rows = npt.NDArray[np.integer[Any]]
 @lru_cache(SCENES_KEPT)
 def cached_world(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World]:
     """Return topology and numbers of a scene, without lanes; kept while it is among the last SCENES_KEPT asked for."""
-    return build(scene, resets=resets, dtype=dtype)
+    return compile_scene(scene, resets=resets, dtype=dtype)
 
 
 def columns_for(plan: npt.NDArray[np.int32]) -> int:

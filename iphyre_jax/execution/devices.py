@@ -21,7 +21,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 from iphyre_jax.execution.compilation.client import Arrays
 from iphyre_jax.execution.compilation.executables import Run, executable
-from iphyre_jax.execution.programs import Program, progress_layout
+from iphyre_jax.execution.programs import Program, episode_layout
 from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
@@ -61,7 +61,7 @@ def lanes_of(topology: Topology, dtype: str) -> int:
 
     Their state should stay in its first cache. Measured; see "Lanes" in docs/decisions.md.
     """
-    layout, lanes = progress_layout(topology, dtype), LANES
+    layout, lanes = episode_layout(topology, dtype), LANES
     while lanes > FEWEST and layout.rows * lanes * layout.word_size > STATE_BYTES:
         lanes //= 2
     return lanes

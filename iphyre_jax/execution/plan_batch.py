@@ -13,11 +13,11 @@ from iphyre_jax.execution.batching import Group, Rows, columns_for, group_by_top
 from iphyre_jax.execution.compilation.executables import prepare
 from iphyre_jax.execution.devices import Share, gather, on_cpu, runner
 from iphyre_jax.execution.prefixes import play_prefixes
-from iphyre_jax.execution.programs import Advance, Score, clock, progress_layout
+from iphyre_jax.execution.programs import Advance, Score, clock, episode_layout
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import timing
+from iphyre_jax.scenes.compile import step_timing
 
 ATTEMPTS = 4  # at a play that needs more contact slots than it was given
 
@@ -102,7 +102,7 @@ class PlanBatch:
     def _play_prefixes(self, rows: Rows, attempt: int) -> None:
         settings = self.settings
         worlds = [(self._roomy(topology, attempt), world) for topology, world in self.worlds]
-        times = timing(settings.fps, settings.dtype)
+        times = step_timing(settings.fps, settings.dtype)
         which, plan = self.which[rows], self.plan[rows]
         counts = play_prefixes(worlds, which, plan, times, settings.steps, self.share, settings.dtype)
         self._write(rows, counts)
@@ -121,18 +121,18 @@ class PlanBatch:
         run, settings = runner(program, self.share.mesh), self.settings
         worlds = group.worlds(program.lanes)
         plans = group.plans(self.plan, program.columns, program.lanes)
-        times = clock(timing(settings.fps, settings.dtype))
+        times = clock(step_timing(settings.fps, settings.dtype))
         if isinstance(program, Score):
             counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
             self._write(group.rows, counts[:, : len(group.rows)])
             return
-        layout = progress_layout(program.topology, program.dtype)
+        layout = episode_layout(program.topology, program.dtype)
         episodes, moved = np.zeros((layout.rows, program.lanes), layout.word), []
         for stop in self._stops():
             episodes = run(worlds, plans, times, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
-            outcome = layout.unpack_numpy(episodes).outcome
-            moved.append(np.stack([outcome.position.x, outcome.position.y, outcome.angle], -1)[:, : len(group.rows)])
-        counts = np.stack([outcome.success, outcome.steps, outcome.eliminations, outcome.fault])
+            result = layout.unpack_numpy(episodes).result
+            moved.append(np.stack([result.position.x, result.position.y, result.angle], -1)[:, : len(group.rows)])
+        counts = np.stack([result.success, result.steps, result.eliminations, result.fault])
         self._write(group.rows, counts[:, : len(group.rows)])
         self._write_samples(group, np.stack(moved))
 

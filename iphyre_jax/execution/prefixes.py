@@ -19,7 +19,7 @@ from iphyre_jax.execution.batching import Group, columns_for, group_by_topology
 from iphyre_jax.execution.compilation.executables import prepare
 from iphyre_jax.execution.devices import Share, on_cpu, runner
 from iphyre_jax.execution.layout import WORD, Words
-from iphyre_jax.execution.programs import Advance, clock, progress_layout
+from iphyre_jax.execution.programs import Advance, clock, episode_layout
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Timing, Topology, World
 
@@ -50,16 +50,16 @@ def play_prefixes(
     """
     counts = np.zeros((4, len(plan)), np.int32)
     rows, node, episodes = np.arange(len(plan)), np.zeros(len(plan), np.int64), None
-    for until in np.unique(np.linspace(0, steps, STRETCHES + 1).astype(int)[1:]).tolist():
-        alike = np.where(plan[rows] < until, plan[rows], -1)  # what happens later is the same for all: nothing
+    for stop_step in np.unique(np.linspace(0, steps, STRETCHES + 1).astype(int)[1:]).tolist():
+        alike = np.where(plan[rows] < stop_step, plan[rows], -1)  # what happens later is the same for all: nothing
         keys = np.concatenate([which[rows, None], alike], axis=1)
         _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         leaders, begun = rows[first], None if episodes is None else episodes[node[first]]
-        stretch = _Stretch(worlds, which[leaders], plan[leaders], timing, until, share, dtype)
-        episodes, outcomes = stretch.play(begun)
+        stretch = _Stretch(worlds, which[leaders], plan[leaders], timing, stop_step, share, dtype)
+        episodes, results = stretch.play(begun)
         node = inverse.reshape(-1)
-        counts[:, rows] = outcomes[node, :4].T
-        going = outcomes[node, 4] == 0
+        counts[:, rows] = results[node, :4].T
+        going = results[node, 4] == 0
         rows, node = rows[going], node[going]
         if not len(rows):
             break
@@ -74,21 +74,21 @@ class _Stretch:
     which: Ints
     plan: npt.NDArray[np.int32]
     timing: Timing
-    until: int
+    stop_step: int
     share: Share
     dtype: str
 
     def play(self, begun: Words | None) -> tuple[Words, npt.NDArray[np.int32]]:
-        """Play on from episodes (N, words), or from the start; return episodes, their counts and `over`, (N, 5)."""
+        """Play on from episodes (N, words), or from the start; return episodes, their counts and `done`, (N, 5)."""
         every = np.arange(len(self.which))
         groups = group_by_topology(self.worlds, self.which, every, self.dtype, self._lanes)
         if on_cpu():
             prepare([self._program(group) for group in groups])
-        layouts = [progress_layout(topology, self.dtype) for topology, _ in self.worlds]
+        layouts = [episode_layout(topology, self.dtype) for topology, _ in self.worlds]
         after = np.zeros((len(every), max(layout.rows for layout in layouts)), WORD[self.dtype])
-        outcomes = np.zeros((len(every), 5), np.int32)
-        run_all(partial(self._play_group, begun, after, outcomes), groups)
-        return after, outcomes
+        results = np.zeros((len(every), 5), np.int32)
+        run_all(partial(self._play_group, begun, after, results), groups)
+        return after, results
 
     def _lanes(self, topology: Topology) -> int:
         return self.share.lanes(topology, self.dtype)
@@ -96,17 +96,17 @@ class _Stretch:
     def _program(self, group: Group) -> Advance:
         return Advance(group.topology, self.dtype, self._lanes(group.topology), columns_for(self.plan))
 
-    def _play_group(self, begun: Words | None, after: Words, outcomes: npt.NDArray[np.int32], group: Group) -> None:
+    def _play_group(self, begun: Words | None, after: Words, results: npt.NDArray[np.int32], group: Group) -> None:
         program, count = self._program(group), len(group.rows)
-        layout = progress_layout(program.topology, self.dtype)
+        layout = episode_layout(program.topology, self.dtype)
         episodes = np.zeros((layout.rows, program.lanes), layout.word)
         if begun is not None:
             episodes[:, :count] = begun[group.rows, : layout.rows].T
             episodes[:, count:] = episodes[:, count - 1 : count]
-        order = np.array([self.until, 1, begun is None], np.int32)
+        order = np.array([self.stop_step, 1, begun is None], np.int32)
         plans = group.plans(self.plan, program.columns, program.lanes)
         run = runner(program, self.share.mesh)
         played = run(group.worlds(program.lanes), plans, clock(self.timing), order, episodes)[0][:, :count]
-        out = layout.unpack_numpy(played).outcome
+        out = layout.unpack_numpy(played).result
         after[group.rows, : layout.rows] = played.T
-        outcomes[group.rows] = np.stack([out.success, out.steps, out.eliminations, out.fault, out.over], axis=1)
+        results[group.rows] = np.stack([out.success, out.steps, out.eliminations, out.fault, out.done], axis=1)

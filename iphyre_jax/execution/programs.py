@@ -70,11 +70,11 @@ def world_layout(topology: Topology, dtype: str) -> Layout:
 
 
 @lru_cache(1024)
-def progress_layout(topology: Topology, dtype: str) -> Layout:
+def episode_layout(topology: Topology, dtype: str) -> Layout:
     """Return the layout of episodes of a topology."""
     with jax.enable_x64(dtype == "float64"):
-        world, over = World.shapes(topology, dtype), jax.ShapeDtypeStruct((), "bool")
-        return Layout.of(jax.eval_shape(partial(rollouts.begin, topology), world, over), dtype)
+        world, done = World.shapes(topology, dtype), jax.ShapeDtypeStruct((), "bool")
+        return Layout.of(jax.eval_shape(partial(rollouts.reset_episode, topology), world, done), dtype)
 
 
 def in_one_function(
@@ -143,8 +143,8 @@ class Score(_OfPlans):
 
         def play(worlds: jax.Array, plan: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
-            start = rollouts.begin(self.topology, world, plan[0] == SPARE)
-            out = rollouts.advance(self.topology, world, timing_of(numbers), plan, start, steps[0]).outcome
+            start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
+            out = rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]).result
             return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
 
         like = jax.ShapeDtypeStruct((4, plan.shape[1]), jnp.int32)
@@ -159,23 +159,23 @@ class Advance(_OfPlans):
 
         The steps are the number to play to, 1, and 1 if the episodes begin, whatever their table holds.
         """
-        layout = progress_layout(self.topology, self.dtype)
+        layout = episode_layout(self.topology, self.dtype)
         steps = jax.ShapeDtypeStruct((3,), "int32")
         return *self.plays(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episodes, (rows, lanes)."""
         worlds, plan, numbers, steps, episodes = arguments
-        layout = progress_layout(self.topology, self.dtype)
+        layout = episode_layout(self.topology, self.dtype)
 
         def play(worlds: jax.Array, plan: jax.Array, episodes: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = jax.lax.cond(
                 steps[2] != 0,
-                lambda: rollouts.begin(self.topology, world, plan[0] == SPARE),
+                lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
                 lambda: layout.unpack(episodes),
             )
-            return layout.pack(rollouts.advance(self.topology, world, timing_of(numbers), plan, start, steps[0]))
+            return layout.pack(rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]))
 
         like = jax.ShapeDtypeStruct(episodes.shape, episodes.dtype)
         return (in_one_function(play, (worlds, plan, episodes), like, steps[1]),)

@@ -21,7 +21,7 @@ import numpy as np
 from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, scene_features
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
 
 NOTHING = -1  # a place without an object
@@ -116,19 +116,19 @@ class Pose:
     sound: jax.Array  # () bool, everything is finite
 
 
-def pose_of(features: Features, standing: jax.Array, progress: Progress) -> Pose:
+def pose_of(features: Features, present: jax.Array, episode: EpisodeState) -> Pose:
     """Return where everything of a world is; standing: (slots,) bool, slots whose block is still there."""
-    state = progress.state
-    sound = progress.outcome.fault != FAULT_NOT_FINITE
-    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, standing), sound)
+    state = episode.state
+    sound = episode.result.fault != FAULT_NOT_FINITE
+    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, present), sound)
 
 
-def objects_there(features: Features, standing: jax.Array) -> jax.Array:
+def objects_there(features: Features, present: jax.Array) -> jax.Array:
     """Return which of the twelve objects are there, (12,) bool."""
-    index = lanes.iota(features.seen.shape[0], standing[0])
+    index = lanes.iota(features.seen.shape[0], present[0])
     there = features.seen[:, LENGTH_COLUMNS - 1] > 0  # the radius
-    for slot in range(standing.shape[0]):
-        there = there & ((index != features.slot_object[slot][None]) | standing[slot][None])
+    for slot in range(present.shape[0]):
+        there = there & ((index != features.slot_object[slot][None]) | present[slot][None])
     return there
 
 
@@ -159,31 +159,31 @@ def seen_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
     return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(ends, pose)]
 
 
-def speeds(progress: Progress) -> list[jax.Array]:
+def speeds(episode: EpisodeState) -> list[jax.Array]:
     """Return vx and vy (600 px/s) and the turning (rad/s) of each moving body, (3,) float32."""
-    moves = progress.state.motion
-    x, y, turning = moves.velocity.x, moves.velocity.y, moves.angular
+    moves = episode.state.motion
+    x, y, turning = moves.velocity.x, moves.velocity.y, moves.angular_velocity
     return [
         jnp.stack([x[body] / SCREEN, y[body] / SCREEN, turning[body]]).astype(jnp.float32) for body in range(len(x))
     ]
 
 
-def motion(features: Features, progress: Progress, steps: jax.Array) -> jax.Array:
+def motion(features: Features, episode: EpisodeState, steps: jax.Array) -> jax.Array:
     """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
 
     By object row the `speeds` of what moves; then the share of the 15 s gone by.
 
     steps: () physics steps of a whole episode.
     """
-    step = progress.state.step
+    step = episode.state.step
     objects = features.seen.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
-    for mover, speed in zip(features.mover, speeds(progress), strict=True):
+    for mover, speed in zip(features.mover, speeds(episode), strict=True):
         table = jnp.where((index == mover[None])[:, None], speed[None], table)
     time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler writes the division
     seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
-    sound = progress.outcome.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
+    sound = episode.result.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
     return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
 
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.observations.features import Features, motion, motion_size, official_rows, pose_of, rows_size
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.rollouts import EpisodeState
 
 ObservationName = Literal["official", "motion", "image"]
 
@@ -28,8 +28,8 @@ def observation_size(observation: ObservationName, objects: int, candidates: int
 def observe(
     observation: ObservationName,
     features: Features,
-    standing: jax.Array,
-    progress: Progress,
+    present: jax.Array,
+    episode: EpisodeState,
     steps: jax.Array,
     *,
     no_op: bool,
@@ -41,16 +41,16 @@ def observe(
     Args:
         observation: "motion" adds velocities and time to what is seen otherwise, see `features`.
         features: of the scene.
-        standing: (slots,) bool, slots whose block is still there.
-        progress: of the episode.
+        present: (slots,) bool, slots whose block is still there.
+        episode: of the episode.
         steps: () of a whole episode, the unit of the time in "motion".
         no_op: whether a candidate that does nothing, (0, 0), stands before the blocks'.
     """
-    lanes = progress.state.step.shape
-    parts = [official_rows(features, pose_of(features, standing, progress))]
+    lanes = episode.state.step.shape
+    parts = [official_rows(features, pose_of(features, present, episode))]
     if no_op:
         parts.append(jnp.zeros((2, *lanes), jnp.float32))
     parts.append(features.candidates.astype(jnp.float32).reshape(-1, *lanes))
     if observation == "motion":
-        parts.append(motion(features, progress, steps))
+        parts.append(motion(features, episode, steps))
     return parts

@@ -249,9 +249,9 @@ def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
     """
     c = Counters(topology.moving)
     rank = ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
-    place = lanes.iota(topology.statics, rank[0])[None]
+    place = lanes.iota(topology.num_static, rank[0])[None]
     inserted, updated = broad.inserted[:, None], broad.updated[:, None]
-    first = world.static_counter.reshape(topology.moving, topology.statics, *rank.shape[1:])
+    first = world.static_counter.reshape(topology.moving, topology.num_static, *rank.shape[1:])
     counter = jnp.where(inserted < 0, first, inserted + place)
     static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, place, c.newest - counter)) << 1
     moving, low_is_a, by_owner = [], [], []

@@ -39,10 +39,10 @@ class Arm:
         """Return arm x vec."""
         return product(self.x, vec.y) if self.y is None else cross(Vec(self.x, self.y), vec)
 
-    def turned(self, angular: jax.Array, onto: Vec) -> Vec:
+    def turned(self, angular_velocity: jax.Array, onto: Vec) -> Vec:
         """Return onto + perp(arm) angular, the velocity at the contact."""
-        x = onto.x if self.y is None else onto.x - product(self.y, angular)
-        return Vec(x, onto.y + product(self.x, angular))
+        x = onto.x if self.y is None else onto.x - product(self.y, angular_velocity)
+        return Vec(x, onto.y + product(self.x, angular_velocity))
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,17 @@ def unpack_contact(packed: jax.Array, of: Form, axis: int = 0) -> Contact:
 def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
     """Return the velocity, or bias velocity, of the second contact point against the first: normal, tangential."""
     velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
-    angulars = [motion.bias_angular if bias else motion.angular for motion in motions]
+    angular_velocities = [motion.bias_angular_velocity if bias else motion.angular_velocity for motion in motions]
     own = [_times(contact, k, velocity) for k, velocity in enumerate(velocities)]
     if rounds_as_reference(contact.normal):
-        at = [arm.turned(angular, vec) for arm, angular, vec in zip(contact.arm, angulars, own, strict=True)]
+        at = [
+            arm.turned(angular_velocity, vec)
+            for arm, angular_velocity, vec in zip(contact.arm, angular_velocities, own, strict=True)
+        ]
         return _in_frame(contact, _sum(at))
     total = _in_frame(contact, _sum(own))
-    for arm, angular in zip(contact.arm, angulars, strict=True):
-        total = arm.turned(angular, total)
+    for arm, angular_velocity in zip(contact.arm, angular_velocities, strict=True):
+        total = arm.turned(angular_velocity, total)
     return total
 
 
@@ -113,16 +116,16 @@ def apply_impulse(
     whole_push = None if push is None else contact.normal * push
     out = []
     for k, (motion, arm) in enumerate(zip(motions, contact.arm, strict=True)):
-        spin = motion.angular + product(world.inv_moment[k], arm.cross(whole if exact else impulse))
-        motion = replace(motion, velocity=motion.velocity + _times(contact, k, whole), angular=spin)
+        spin = motion.angular_velocity + product(world.inv_moment[k], arm.cross(whole if exact else impulse))
+        motion = replace(motion, velocity=motion.velocity + _times(contact, k, whole), angular_velocity=spin)
         if push is not None and whole_push is not None:
             motion = replace(motion, bias_velocity=motion.bias_velocity + _times(contact, k, whole_push))
             if exact:
                 turn = product(world.inv_moment[k], arm.cross(whole_push))
-                motion = replace(motion, bias_angular=motion.bias_angular + turn)
+                motion = replace(motion, bias_angular_velocity=motion.bias_angular_velocity + turn)
             elif arm.y is not None:
                 turn = product(world.inv_moment[k], product(arm.y, push))
-                motion = replace(motion, bias_angular=motion.bias_angular - turn)
+                motion = replace(motion, bias_angular_velocity=motion.bias_angular_velocity - turn)
         out.append(motion)
     return out
 

@@ -51,7 +51,7 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> l
 def _holder(world: World, k: int) -> jax.Array:
     """Return which static bar holds constraint `k`, (S,) bool; none where both of its ends move."""
     held = jnp.expand_dims(world.anchor_bar[k], 0)
-    return held == lanes.iota(world.exists.shape[0], world.anchor_bar[k])
+    return held == lanes.iota(world.valid.shape[0], world.anchor_bar[k])
 
 
 def _end(world: World, state: State, k: int, body: int) -> Vec:
@@ -144,7 +144,7 @@ def close_holes(topology: Topology, world: World, state: State, alive: jax.Array
         return state.place
     holders = [_holder(world, k) for k in range(count)]
     going = jnp.stack([jnp.any(holder & state.alive & ~alive, axis=0) for holder in holders])
-    column = jnp.stack([jnp.max(jnp.where(holder, world.column, -1), axis=0) for holder in holders])
+    column = jnp.stack([jnp.max(jnp.where(holder, world.plan_slot, -1), axis=0) for holder in holders])
     turn = column * count + lanes.iota(count, column[0])
 
     def take_first(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:

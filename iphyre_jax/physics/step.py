@@ -37,7 +37,7 @@ def initial_state(topology: Topology, world: World) -> State:
         residue=at_rest[:0] if rounds_as_reference(at_rest) else at_rest,
         angle=zero,
         motion=motion,
-        alive=jnp.asarray(world.exists),
+        alive=jnp.asarray(world.valid),
         broad=blank,
         side=jnp.zeros((len(topology.bar_pairs) if rounds_as_reference(at_rest) else 0, *lane), jnp.int32),
         cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
@@ -70,14 +70,14 @@ def integrate_positions(state: State, timing: Timing) -> State:
         way = way + residue
         position = state.position + way
         residue = way - (position - state.position)
-    angle = state.angle + product(motion.angular + motion.bias_angular, timing.dt)
-    zero = jnp.zeros_like(motion.angular)
+    angle = state.angle + product(motion.angular_velocity + motion.bias_angular_velocity, timing.dt)
+    zero = jnp.zeros_like(motion.angular_velocity)
     return replace(
         state,
         position=position,
         residue=residue,
         angle=angle,
-        motion=replace(motion, bias_velocity=Vec(zero, zero), bias_angular=zero),
+        motion=replace(motion, bias_velocity=Vec(zero, zero), bias_angular_velocity=zero),
     )
 
 

@@ -29,7 +29,7 @@ class Topology:
 
     bars: int  # moving bars
     balls: int
-    statics: int  # room for static bars; unused places do not exist in `World`
+    num_static: int  # room for static bars; unused places do not exist in `World`
     pins: tuple[tuple[int, int], ...]  # moving-body index or STATIC at each end, in list order
     springs: tuple[tuple[int, int], ...]
     slots: int  # contact points a world may have at once; more is a fault
@@ -52,12 +52,12 @@ class Topology:
     @cached_property
     def bar_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs of bars of which the first moves; bars are the moving ones, then the static ones."""
-        return tuple((i, j) for i in range(self.bars) for j in range(i + 1, self.bars + self.statics))
+        return tuple((i, j) for i in range(self.bars) for j in range(i + 1, self.bars + self.num_static))
 
     @cached_property
     def ball_bar_pairs(self) -> tuple[tuple[int, int], ...]:
         """Pairs (ball, bar); the ball is counted from 0."""
-        return tuple((i, j) for i in range(self.balls) for j in range(self.bars + self.statics))
+        return tuple((i, j) for i in range(self.balls) for j in range(self.bars + self.num_static))
 
     @cached_property
     def ball_pairs(self) -> tuple[tuple[int, int], ...]:
@@ -80,8 +80,8 @@ class World:
     static_b: Vec
     static_normal: Vec  # (S,) unit
     static_centre: Vec  # (S,) px
-    exists: jax.Array  # (S,) bool, False for an unused place
-    column: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
+    valid: jax.Array  # (S,) bool, False for an unused place
+    plan_slot: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
     anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
     anchor_bar: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
     pin_length: jax.Array  # (pins,) px
@@ -95,7 +95,7 @@ class World:
     @classmethod
     def shapes(cls, topology: Topology, dtype: str) -> World:
         """Return the shapes and types of the world of a topology, as `jax.ShapeDtypeStruct`; dtype: of its numbers."""
-        n, m, places, ties = topology.moving, topology.bars, topology.statics, len(topology.constraints)
+        n, m, places, ties = topology.moving, topology.bars, topology.num_static, len(topology.constraints)
 
         def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
             return jax.ShapeDtypeStruct(shape, kind)
@@ -117,8 +117,8 @@ class World:
             static_b=vec(places),
             static_normal=vec(places),
             static_centre=vec(places),
-            exists=array(places, kind="bool"),
-            column=whole(places),
+            valid=array(places, kind="bool"),
+            plan_slot=whole(places),
             anchor=vec(ties),
             anchor_bar=whole(ties),
             pin_length=array(len(topology.pins)),
@@ -148,9 +148,9 @@ class Motion:
     """Velocities of the bodies, or of one; the bias velocities correct overlaps and live for one step."""
 
     velocity: Vec  # px/s
-    angular: jax.Array  # rad/s
+    angular_velocity: jax.Array  # rad/s
     bias_velocity: Vec
-    bias_angular: jax.Array
+    bias_angular_velocity: jax.Array
 
 
 @jax.tree_util.register_dataclass

@@ -80,7 +80,7 @@ def _slots(bars: int, balls: int) -> int:
     return min(SLOT_LIMIT, 4 * balls + 8 * bars)
 
 
-def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Topology, World]:
+def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Topology, World]:
     """Return topology and numbers of a scene.
 
     resets: number of the reset of a reused space, 1 for a fresh one: it decides visiting order and contact ids.
@@ -95,7 +95,7 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
         padded[: len(rows)] = rows
         return Vec(*(_array(column, dtype) for column in padded.T))
 
-    room = topology.statics
+    room = topology.num_static
     columns = {obj: s for s, obj in enumerate(scene.eliminable_blocks)}
     inv_moment = [1.0 / c.BAR_MOMENT] * topology.bars + [1.0 / (c.MASS * (0.5 * r * r)) for r in bodies.radius.tolist()]
     world = World(
@@ -109,8 +109,8 @@ def build(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Top
         static_b=vec(bodies.end_b[statics] + bodies.centre[statics], room),
         static_normal=vec(bodies.normal[statics], room),
         static_centre=vec(bodies.centre[statics], room),
-        exists=_array(np.arange(room) < len(statics), "bool"),
-        column=_array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), "int32"),
+        valid=_array(np.arange(room) < len(statics), "bool"),
+        plan_slot=_array([columns.get(i, -1) for i in statics] + [-1] * (room - len(statics)), "int32"),
         **_constraints(scene, bodies, statics, dtype),
         **_order(topology, insertion, movers, statics, resets, n_objects),
     )
@@ -138,7 +138,7 @@ def _order(
 ) -> dict[str, Any]:
     """Return the fields of `World` that decide the order of contacts."""
     index = {obj: k for k, obj in enumerate(movers)}
-    room = topology.statics
+    room = topology.num_static
     static_counter = np.zeros((topology.moving, room), np.int32)
     for k, i in enumerate(movers):
         for s, j in enumerate(statics):
@@ -160,7 +160,7 @@ def _order(
     }
 
 
-def timing(fps: float, dtype: str) -> Timing:
+def step_timing(fps: float, dtype: str) -> Timing:
     """Return what follows from dt = 1/fps, computed in float64 and stored in `dtype`.
 
     bias = 1 - base^dt; the spring's decay is 1 - exp(-damping dt k), k the sum of the ends' inverse masses.

@@ -19,10 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.envs.core import Environment, Info
-from iphyre_jax.envs.episode_timing import FRAMES
-from iphyre_jax.envs.episode_timing import Protocol as Timing
 from iphyre_jax.envs.in_advance import observation_table, play
 from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.envs.protocols import FRAMES, EpisodeProtocol
 from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
@@ -119,7 +118,7 @@ class Worlds:
             "train",
             self._scenes,
             strategy=config.strategy,
-            protocol=Timing("train", config.fps, config.resets),
+            protocol=EpisodeProtocol("train", config.fps, config.resets),
             dtype="float32",
             observation=config.observation,
             image_size=None,

@@ -1,7 +1,7 @@
 """Recordings: one play, step by step, with everything that pictures and pages show of it.
 
 `simulate` plays batches; a recording is a single world with all its poses, velocities and contact points. It stands on
-the same `rollouts.play_step`, compiled for one world without lanes, which takes milliseconds for a whole play.
+the same `rollouts.episode_step`, compiled for one world without lanes, which takes milliseconds for a whole play.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.rules import episode_reward, whole_fps
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import timing
+from iphyre_jax.scenes.compile import step_timing
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -156,7 +156,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
     play = executable(Record(topology, dtype, len(padded), length))
-    counts, *frames = play(words, padded, programs.clock(timing(rate, dtype)))
+    counts, *frames = play(words, padded, programs.clock(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     return Recording(
         scene=scene,
@@ -230,41 +230,41 @@ class Record:
         """Return success, steps, eliminations and fault, (4,) int32, and the arrays of a `_Tape`."""
         words, plan, numbers = arguments
         world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
-        outcome, tape = _play(self.topology, self.length, world, programs.timing_of(numbers), plan)
-        counts = jnp.stack([outcome.success.astype(jnp.int32), outcome.steps, outcome.eliminations, outcome.fault])
+        result, tape = _play(self.topology, self.length, world, programs.timing_of(numbers), plan)
+        counts = jnp.stack([result.success.astype(jnp.int32), result.steps, result.eliminations, result.fault])
         return counts, tape.pose, tape.velocity, tape.contact
 
 
 def _play(
     topology: Topology, length: int, world: World, timing: Timing, plan: jax.Array
-) -> tuple[rollouts.Outcome, _Tape]:
+) -> tuple[rollouts.EpisodeResult, _Tape]:
     """Play one world and write every frame."""
-    progress = rollouts.begin(topology, world, jnp.zeros((), bool))
-    first = _frame(topology, world, progress)
+    episode = rollouts.reset_episode(topology, world, jnp.zeros((), bool))
+    first = _frame(topology, world, episode)
     tape = jax.tree.map(lambda leaf: jnp.zeros((length + 1, *leaf.shape), leaf.dtype).at[0].set(leaf), first)
     # A plan has as many columns as the limits allow; bars that no column removes have column -1 and match none.
     columns = jnp.arange(plan.shape[0], dtype=jnp.int32)
-    removal = jnp.max(jnp.where(world.column[None] == columns[:, None], plan[:, None], NEVER), axis=0)
+    removal = jnp.max(jnp.where(world.plan_slot[None] == columns[:, None], plan[:, None], NEVER), axis=0)
 
-    def running(carry: tuple[jax.Array, rollouts.Progress, _Tape]) -> jax.Array:
-        return (carry[0] < length) & ~carry[1].outcome.over
+    def running(carry: tuple[jax.Array, rollouts.EpisodeState, _Tape]) -> jax.Array:
+        return (carry[0] < length) & ~carry[1].result.done
 
-    def once(carry: tuple[jax.Array, rollouts.Progress, _Tape]) -> tuple[jax.Array, rollouts.Progress, _Tape]:
-        k, progress, tape = carry
-        progress = rollouts.play_step(topology, world, timing, progress, removal == k)
-        frame = _frame(topology, world, progress)
-        return k + 1, progress, jax.tree.map(lambda rows, row: rows.at[k + 1].set(row), tape, frame)
+    def once(carry: tuple[jax.Array, rollouts.EpisodeState, _Tape]) -> tuple[jax.Array, rollouts.EpisodeState, _Tape]:
+        k, episode, tape = carry
+        episode = rollouts.episode_step(topology, world, timing, episode, removal == k)
+        frame = _frame(topology, world, episode)
+        return k + 1, episode, jax.tree.map(lambda rows, row: rows.at[k + 1].set(row), tape, frame)
 
-    _, progress, tape = jax.lax.while_loop(running, once, (jnp.zeros((), jnp.int32), progress, tape))
-    return progress.outcome, tape
+    _, episode, tape = jax.lax.while_loop(running, once, (jnp.zeros((), jnp.int32), episode, tape))
+    return episode.result, tape
 
 
-def _frame(topology: Topology, world: World, progress: rollouts.Progress) -> _Tape:
+def _frame(topology: Topology, world: World, episode: rollouts.EpisodeState) -> _Tape:
     """Return what one frame shows, without the first axis.
 
     A step moves the bodies first and collides them then, so its contacts are those of the poses it ends with.
     """
-    state = progress.state
+    state = episode.state
     shape = shapes.world_shapes(topology, world, state)
     points, *_ = contacts.collide(topology, world, shape, state.broad, state.side)
     point = contacts.unpack(points.tag, points.numbers, axis=1)

@@ -16,7 +16,7 @@ from iphyre_jax.physics import State, Timing, Topology, World, broad_phase, cont
 from iphyre_jax.physics.step import initial_state, integrate_positions, integrate_velocities
 from iphyre_jax.physics.types import BroadPhase, Motion
 from iphyre_jax.physics.vector import Vec
-from iphyre_jax.scenes.compile import build, static_order, timing
+from iphyre_jax.scenes.compile import compile_scene, static_order, step_timing
 from parity.engines.reference import BodyState
 from parity.engines.views import Floats, Layout, Stages, StepView, our_view
 
@@ -88,12 +88,12 @@ def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | Non
         return Vec(jnp.asarray(values[moving, 0]), jnp.asarray(values[moving, 1]))
 
     motion = state.motion
-    velocity, angular = vec(bodies.velocity), jnp.asarray(bodies.angular_velocity[moving])
+    velocity, angular_velocity = vec(bodies.velocity), jnp.asarray(bodies.angular_velocity[moving])
     state = replace(
         state,
         position=vec(bodies.position),
         angle=jnp.asarray(bodies.angle[moving]),
-        motion=Motion(velocity, angular, motion.bias_velocity, motion.bias_angular),
+        motion=Motion(velocity, angular_velocity, motion.bias_velocity, motion.bias_angular_velocity),
     )
     if last is None:
         return state
@@ -124,7 +124,7 @@ class OurWorld:
 
     def eliminate(self, index: int) -> None:
         """Remove object `index`, a static bar."""
-        removed = np.arange(self.layout.topology.statics) == self.layout.statics.index(index)
+        removed = np.arange(self.layout.topology.num_static) == self.layout.statics.index(index)
         self.state = eliminate(self.layout.topology, self.world, self.state, jnp.asarray(removed))
 
     def step(self) -> StepView:
@@ -145,6 +145,6 @@ def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:
     Returns:
         Layout, world and timing.
     """
-    topology, world = build(scene, resets=resets, dtype="float64")
+    topology, world = compile_scene(scene, resets=resets, dtype="float64")
     moving = [int(i) for i in np.flatnonzero(scene.dynamic)]
-    return Layout(topology, tuple(moving), static_order(scene, resets)), world, timing(fps, "float64")
+    return Layout(topology, tuple(moving), static_order(scene, resets)), world, step_timing(fps, "float64")

@@ -133,7 +133,7 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
         impulses=np.asarray(contact.impulses)[:count],
         links=np.where(gone, np.nan, host.link_impulses[: len(ends)]),
         velocity=_xy(state.motion.velocity),
-        angular_velocity=np.asarray(state.motion.angular),
+        angular_velocity=np.asarray(state.motion.angular_velocity),
     )
 
 

@@ -15,9 +15,9 @@ import iphyre_jax
 from iphyre_jax import load_scene, make
 from iphyre_jax.envs.batching.status import status_words
 from iphyre_jax.envs.strategies import STRATEGIES
-from iphyre_jax.execution.programs import progress_layout
+from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.official import start_observation
-from iphyre_jax.scenes.compile import build
+from iphyre_jax.scenes.compile import compile_scene
 
 BATCH = 8
 
@@ -92,8 +92,10 @@ def test_typed_and_old_keys_give_the_same() -> None:
 
 def test_observations_at_the_start_are_the_official_ones() -> None:
     """Of games with balls, bars, a pin, a spring, and all of their layouts; `make parity-official` has all games."""
-    some = {build(load_scene(game))[0] for game in ("hole", "seesaw", "pendulum", "spring", "multi_ball_hinder")}
-    games = [game for game in iphyre_jax.GAMES if build(load_scene(game))[0] in some]
+    some = {
+        compile_scene(load_scene(game))[0] for game in ("hole", "seesaw", "pendulum", "spring", "multi_ball_hinder")
+    }
+    games = [game for game in iphyre_jax.GAMES if compile_scene(load_scene(game))[0] in some]
     assert len(games) > 20
     iphyre_jax.register("starts-v1", games)
     env, params = make("on-the-fly/starts-v1")
@@ -175,7 +177,7 @@ def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> No
     step = batched_step(env)
     _, state = jax.vmap(env.reset, in_axes=(0, None))(keys(0), params)
     (topology,) = env.topologies
-    layout, first = progress_layout(topology, "float32"), status_words(env.limits.blocks)
+    layout, first = episode_layout(topology, "float32"), status_words(env.limits.blocks)
     places = layout.places().state
     impulses = places.cache.normal_impulse + np.arange(topology.slots)
     wrong = first + np.array([places.motion.velocity.y, *impulses])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, make
-from iphyre_jax.envs.episode_timing import PROTOCOLS
+from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, instants
 from iphyre_jax.observations.official import object_rows, scene_features
 from parity.engines.reference import ReferenceWorld
@@ -117,7 +117,7 @@ def test_in_advance_ties_and_ends_by_hand() -> None:
     action = np.array([3.0, 3.0, 0.0, 15.0, 14.9, 0.04], np.float32) / np.float32(15)
     order = InAdvance().order(action, jnp.int32(0), FREE, ALL, OFFICIAL)
     np.testing.assert_array_equal(order.plan, [30, -1, -1, -1, 149, -1])
-    assert order.until == 150
+    assert order.stop_step == 150
     smooth = InAdvance().order(action, jnp.int32(0), FREE, ALL, PROTOCOLS["smooth"])
     np.testing.assert_array_equal(smooth.plan, [180, -1, -1, -1, 894, -1])
 
@@ -126,18 +126,18 @@ def test_on_the_fly_by_hand() -> None:
     for action, plan in ((0, [-1] * 6), (2, [-1, 7, -1, -1, -1, -1]), (7, [-1] * 6), (-1, [-1] * 6)):
         order = OnTheFly().order(jnp.int32(action), jnp.int32(7), FREE, ALL, OFFICIAL)
         np.testing.assert_array_equal(order.plan, plan)
-        assert order.until == 8
+        assert order.stop_step == 8
 
 
 def test_combined_by_hand() -> None:
     times = np.array([3.0, 5.0, 3.0, 9.0, 0.0, 0.0], np.float32) / np.float32(15)
 
-    def order(step: int, used: Any, standing: Any) -> Any:
-        return Combined().order(times, jnp.int32(step), jnp.asarray(used), jnp.asarray(standing), OFFICIAL)
+    def order(step: int, used: Any, present: Any) -> Any:
+        return Combined().order(times, jnp.int32(step), jnp.asarray(used), jnp.asarray(present), OFFICIAL)
 
     first = order(0, [False] * 6, [True] * 6)
     np.testing.assert_array_equal(first.plan, [30, -1, -1, -1, -1, -1])  # slot 2 lost the tie
-    assert first.until == 31
+    assert first.stop_step == 31
     np.testing.assert_array_equal(first.used, [True] + [False] * 5)
     # Slot 0 is used and takes the tie with it; the next is slot 1.
     second = order(20, first.used, [False] + [True] * 5)
@@ -145,7 +145,7 @@ def test_combined_by_hand() -> None:
     # A slot without a block is passed over, and with nothing due the rest is played.
     third = order(51, [True, True] + [False] * 4, [False, False, True, False, False, False])
     np.testing.assert_array_equal(third.plan, [-1] * 6)
-    assert third.until == 150
+    assert third.stop_step == 150
 
 
 def test_the_late_frame_is_an_option() -> None:
@@ -154,16 +154,16 @@ def test_the_late_frame_is_an_option() -> None:
         action = np.zeros(6, np.float32)
         fixed = Combined().order(action, jnp.int32(start), FREE, ALL, OFFICIAL)
         official = Combined(late_frame=True).order(action, jnp.int32(start), FREE, ALL, OFFICIAL)
-        assert fixed.until == 150
-        assert official.until in (150, 151)
-        late += [start] if official.until == 151 else []
+        assert fixed.stop_step == 150
+        assert official.stop_step in (150, 151)
+        late += [start] if official.stop_step == 151 else []
     assert len(late) == 19
     assert late[:4] == [87, 92, 97, 102]
     assert late[-1] == 147
     last = np.full(6, 1.0, np.float32)  # 15.0 s, an instant of the late frame alone
     order = Combined(late_frame=True).order(last, jnp.int32(87), FREE, ALL, OFFICIAL)
     np.testing.assert_array_equal(order.plan, [150, -1, -1, -1, -1, -1])
-    assert order.until == 151
+    assert order.stop_step == 151
 
 
 def test_the_late_frame_costs_a_tenth() -> None:

@@ -12,7 +12,7 @@ import pytest
 from iphyre_jax import load_scene
 from iphyre_jax.execution.compilation.description import describe, from_description
 from iphyre_jax.execution.programs import Score, world_layout
-from iphyre_jax.scenes.compile import build
+from iphyre_jax.scenes.compile import compile_scene
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -25,7 +25,7 @@ def assert_same(one: Any, other: Any) -> None:
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("game", ["hole", "spring_flick", "multi_ball_lever"])
 def test_worlds_cross_the_border_whole(game: str, dtype: str) -> None:
-    topology, world = build(load_scene(game), dtype=dtype)
+    topology, world = compile_scene(load_scene(game), dtype=dtype)
     layout = world_layout(topology, dtype)
     table = layout.pack_many([world, world])
     assert table.shape == (layout.rows, 2)
@@ -39,7 +39,7 @@ def test_worlds_cross_the_border_whole(game: str, dtype: str) -> None:
 
 
 def test_bits_that_are_no_numbers_survive() -> None:
-    topology, world = build(load_scene("hole"), dtype="float32")
+    topology, world = compile_scene(load_scene("hole"), dtype="float32")
     layout = world_layout(topology, "float32")
     table = layout.pack_many([world])
     table[layout.whole_rows] = np.float32(np.nan).view(np.int32) | 1
@@ -48,7 +48,7 @@ def test_bits_that_are_no_numbers_survive() -> None:
 
 
 def test_a_program_is_described_as_data() -> None:
-    topology, _ = build(load_scene("pendulum"), dtype="float64")
+    topology, _ = compile_scene(load_scene("pendulum"), dtype="float64")
     program = Score(topology, "float64", 64, 6)
     assert from_description(json.loads(json.dumps(describe(program)))) == program
     with pytest.raises(TypeError, match="expected a dataclass, a tuple"):

@@ -47,7 +47,7 @@ def order_by_index(patch: pytest.MonkeyPatch) -> None:
 
     def order(topology: Any, world: Any, broad: Any) -> broad_phase.Order:
         bits = broad_phase.Counters(topology.moving).inner_bits
-        place = lanes.iota(topology.statics, broad.path[0])
+        place = lanes.iota(topology.num_static, broad.path[0])
         static = jnp.stack([((body << bits) | place) << 1 for body in range(topology.moving)])
         other = [
             jnp.full_like(broad.path[0], ((i << bits) | (broad_phase.STATIC_RANKS + j)) << 1) for i, j in topology.pairs

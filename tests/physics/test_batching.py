@@ -14,7 +14,7 @@ import pytest
 from iphyre_jax import Scene, Simulation, load_scene, physics, rollouts, simulate, simulate_many
 from iphyre_jax.physics import Topology, World
 from iphyre_jax.scenes import compile as builder
-from iphyre_jax.scenes.compile import build, timing
+from iphyre_jax.scenes.compile import compile_scene, step_timing
 from tests.physics.worlds import DTYPES, make_scene
 
 FPS = 10
@@ -54,11 +54,11 @@ def lay(worlds: list[World]) -> World:
 
 def roll(
     topology: Topology, world: World, plan: npt.NDArray[Any], dtype: str, steps: int = STEPS, fps: int = FPS
-) -> rollouts.Outcome:
+) -> rollouts.EpisodeResult:
     """Play plans (places, *lanes) and return the outcome as NumPy arrays."""
     with jax.enable_x64(dtype == "float64"):
         play = compiled(topology, dtype, plan.shape[1:])
-        played = play(world, timing(fps, dtype), plan.astype(np.int32), np.int32(steps))
+        played = play(world, step_timing(fps, dtype), plan.astype(np.int32), np.int32(steps))
         return jax.tree.map(np.asarray, played)
 
 
@@ -86,7 +86,7 @@ def test_a_world_is_the_same_bits_wherever_it_stands(game: str, dtype: str) -> N
 def test_worlds_without_lanes_in_few_lanes_and_in_many_agree(dtype: str) -> None:
     """Compiled apart, so within rounding. Eight seconds at 60 fps of bouncing."""
     scene, fps, steps = load_scene("hole"), 60, 480
-    topology, world = build(scene, dtype=dtype)
+    topology, world = compile_scene(scene, dtype=dtype)
     plan = plans("hole", 3, seed=5)
     many = simulate(scene, plan, fps=fps, duration=steps / fps, dtype=dtype, sample_every=steps)
     few = roll(topology, lay([world] * 3), columns(plan), dtype, steps, fps)
@@ -108,14 +108,14 @@ def test_worlds_without_lanes_in_few_lanes_and_in_many_agree(dtype: str) -> None
 def test_unused_room_changes_nothing(game: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """More contact slots, and more places for static bars than the scene has."""
     scene = load_scene(game)
-    topology, world = build(scene, dtype=dtype)
+    topology, world = compile_scene(scene, dtype=dtype)
     plan = columns(plans(game, 8, seed=2))
     played = roll(topology, lay([world] * 8), plan, dtype)
     assert not played.fault.any()
     wider = replace(topology, slots=topology.slots + 3)
     monkeypatch.setattr(builder, "STATIC_PLACES", builder.STATIC_PLACES + 4)
-    roomier, padded = build(scene, dtype=dtype)
-    assert roomier.statics == topology.statics + 4
+    roomier, padded = compile_scene(scene, dtype=dtype)
+    assert roomier.statics == topology.num_static + 4
     exact = {"rtol": 0, "atol": 0 if dtype == "float64" else 0.05}
     for other_topology, other in ((wider, world), (roomier, padded)):
         outcome = roll(other_topology, lay([other] * 8), plan, dtype)
@@ -163,8 +163,8 @@ def test_a_removed_bar_lets_the_ball_fall(dtype: str) -> None:
 def test_compiled_steps_equal_plain_ones(dtype: str) -> None:
     """A ball pressed onto a bar, three steps without jit: in float64 bit for bit, no product is fused with a sum."""
     scene = make_scene([(300.0, 170.5, 20.0)], [(200.0, 190.0, 400.0, 210.0)])
-    topology, world = build(scene, dtype=dtype)
-    times = timing(60, dtype)
+    topology, world = compile_scene(scene, dtype=dtype)
+    times = step_timing(60, dtype)
     step = partial(physics.step, topology)
     with jax.enable_x64(dtype == "float64"):
         state = plain = physics.initial_state(topology, world)
@@ -173,7 +173,7 @@ def test_compiled_steps_equal_plain_ones(dtype: str) -> None:
         with jax.disable_jit():
             for _ in range(3):
                 plain = step(world, times, plain)
-    assert float(state.motion.angular[0]) != 0
+    assert float(state.motion.angular_velocity[0]) != 0
     one, two = ([np.asarray(leaf) for leaf in jax.tree.leaves(tree)] for tree in (state, plain))
     for a, b in zip(one, two, strict=True):
         if dtype == "float64" or a.dtype.kind != "f":
@@ -188,7 +188,7 @@ GROOVE = [(100.0, 300.0, 300.0, 400.0), (300.0, 400.0, 500.0, 300.0)]  # a ball 
 def lanes_with(middle: Scene, dtype: str) -> tuple[Topology, World]:
     """Return four worlds in lanes: balls that bounce on a bar, and `middle` as the third."""
     flat = [make_scene([(300.0, y, 20.0)], [(100.0, 400.0, 500.0, 420.0)]) for y in (150.0, 200.0, 250.0)]
-    built = [build(scene, dtype=dtype) for scene in (*flat[:2], middle, flat[2])]
+    built = [compile_scene(scene, dtype=dtype) for scene in (*flat[:2], middle, flat[2])]
     assert len({topology for topology, _ in built}) == 1
     return built[0][0], lay([world for _, world in built])
 
@@ -204,7 +204,7 @@ def test_a_world_with_too_many_contacts_stops_alone(dtype: str) -> None:
     faulted, sound = outcomes
     np.testing.assert_array_equal(faulted.fault, [0, 0, rollouts.FAULT_OVERFLOW, 0])
     np.testing.assert_array_equal(sound.fault, 0)
-    assert faulted.over[2]
+    assert faulted.done[2]
     assert not faulted.success[2]
     assert 10 < faulted.steps[2] < STEPS
     others = [0, 1, 3]

@@ -43,13 +43,13 @@ def test_a_free_bar_turns_evenly_and_its_centre_falls_like_a_ball(dtype: str) ->
         make_scene([(5000.0, 0.0, 20.0)], moving=[(100, 100, 250, 130)]),
         dtype,
         velocity=[[30, -40], [0, 0]],
-        angular=[2.5, -1.5],
+        angular_velocity=[2.5, -1.5],
     )
     steps = 120
     bench.step(steps)
     exact = {"rtol": 1e-12 if dtype == "float64" else 2e-5}
     np.testing.assert_allclose(bench.angle, [2.5 * steps / 60, -1.5 * steps / 60], **exact)
-    np.testing.assert_array_equal(bench.angular, [2.5, -1.5])
+    np.testing.assert_array_equal(bench.angular_velocity, [2.5, -1.5])
     start = np.array([[175.0, 115.0], [5000.0, 0.0]])
     flown = np.array([[30.0, -40.0], [0.0, 0.0]]) * steps / 60
     flown[:, 1] += fallen(steps, 60)
@@ -87,7 +87,7 @@ def test_two_balls_share_momentum_by_the_restitution(dtype: str) -> None:
     wanted = [90 * (1 - RESTITUTION) / 2, 90 * (1 + RESTITUTION) / 2]
     np.testing.assert_allclose(bench.velocity[:, 0], wanted, **exact)
     np.testing.assert_allclose(bench.velocity[:, 1], GRAVITY * 30 / 60, **exact)
-    np.testing.assert_allclose(bench.angular, 0, atol=1e-3 if dtype == "float32" else 1e-9)
+    np.testing.assert_allclose(bench.angular_velocity, 0, atol=1e-3 if dtype == "float32" else 1e-9)
 
 
 @both
@@ -96,7 +96,7 @@ def test_a_glancing_blow_turns_balls_by_friction(dtype: str) -> None:
     pair = make_scene([(100.0, -500.0, 10.0), (150.0, -485.0, 20.0)])
     speed = np.array([[150.0, 0], [0, 0]])
     bench = Bench(pair, dtype, velocity=speed)
-    while not bench.angular.any():
+    while not bench.angular_velocity.any():
         before = bench.velocity
         bench.step()
     change = bench.velocity - before - [0, GRAVITY / 60]
@@ -110,7 +110,7 @@ def test_a_glancing_blow_turns_balls_by_friction(dtype: str) -> None:
     assert push > 0
     assert abs(rub) <= 0.25 * push * (1 + exact["rtol"])
     # on_first x (-J) and (-on_second) x J have one sign: friction turns both balls the same way.
-    np.testing.assert_allclose(bench.angular, [-10 * rub / (10**2 / 2), -20 * rub / (20**2 / 2)], **exact)
+    np.testing.assert_allclose(bench.angular_velocity, [-10 * rub / (10**2 / 2), -20 * rub / (20**2 / 2)], **exact)
 
 
 @both
@@ -120,7 +120,7 @@ def test_a_bar_hit_off_its_centre_turns_by_its_moment(dtype: str, length: float)
     bar = (300 - length / 2, -500.0, 300 + length / 2, -500.0)
     scene = make_scene([(322.0, -540.0, 15.0)], moving=[bar])
     bench = Bench(scene, dtype, velocity=[[0, 0], [0, 120.0]])
-    while not bench.angular.any():
+    while not bench.angular_velocity.any():
         before = bench.velocity
         bench.step()
     change = bench.velocity - before - [0, GRAVITY / 60]
@@ -129,7 +129,7 @@ def test_a_bar_hit_off_its_centre_turns_by_its_moment(dtype: str, length: float)
     np.testing.assert_allclose(change[0], -change[1], atol=1e-9 if dtype == "float64" else 1e-3, **exact)
     turn = (arm[0] * change[0, 1] - arm[1] * change[0, 0]) / BAR_MOMENT
     assert turn > 0.5
-    np.testing.assert_allclose(bench.angular[0], turn, **exact)
+    np.testing.assert_allclose(bench.angular_velocity[0], turn, **exact)
 
 
 @both

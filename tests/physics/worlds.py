@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from iphyre_jax import Scene, Simulation, physics, simulate
 from iphyre_jax.physics import State, Topology
-from iphyre_jax.scenes.compile import build, timing
+from iphyre_jax.scenes.compile import compile_scene, step_timing
 
 GRAVITY = 100.0  # px/s^2
 DTYPES = ("float64", "float32")
@@ -57,7 +57,7 @@ def _step(topology: Topology, dtype: str) -> Any:
 class Bench:
     """One world without lanes, for tests that set velocities or look at them.
 
-    `velocity`: (n, 2) px/s and `angular`: (n,) rad/s at the start, moving bars before balls.
+    `velocity`: (n, 2) px/s and `angular_velocity`: (n,) rad/s at the start, moving bars before balls.
     """
 
     def __init__(
@@ -67,19 +67,19 @@ class Bench:
         *,
         fps: float = 60,
         velocity: npt.ArrayLike | None = None,
-        angular: npt.ArrayLike | None = None,
+        angular_velocity: npt.ArrayLike | None = None,
     ) -> None:
         self.dtype = dtype
-        self.topology, self.world = build(scene, dtype=dtype)
-        self.timing = timing(fps, dtype)
+        self.topology, self.world = compile_scene(scene, dtype=dtype)
+        self.timing = step_timing(fps, dtype)
         with self.context():
             self.state: State = physics.initial_state(self.topology, self.world)
             motion = self.state.motion
             if velocity is not None:
                 x, y = np.asarray(velocity, dtype).T
                 motion = replace(motion, velocity=replace(motion.velocity, x=jnp.asarray(x), y=jnp.asarray(y)))
-            if angular is not None:
-                motion = replace(motion, angular=jnp.asarray(np.asarray(angular, dtype)))
+            if angular_velocity is not None:
+                motion = replace(motion, angular_velocity=jnp.asarray(np.asarray(angular_velocity, dtype)))
             self.state = replace(self.state, motion=motion)
 
     def context(self) -> Any:
@@ -110,6 +110,6 @@ class Bench:
         return np.asarray(self.state.angle, np.float64)
 
     @property
-    def angular(self) -> npt.NDArray[np.float64]:
+    def angular_velocity(self) -> npt.NDArray[np.float64]:
         """Angular velocities, (n,) rad/s."""
-        return np.asarray(self.state.motion.angular, np.float64)
+        return np.asarray(self.state.motion.angular_velocity, np.float64)

@@ -62,8 +62,8 @@ def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray
     np.testing.assert_allclose(played.reward, planned, atol=1e-6)
     total = np.where(trajectory.active, trajectory.reward, 0).sum(axis=0)
     np.testing.assert_allclose(total, planned, rtol=1e-5)
-    stretches = np.asarray(trajectory.active).sum(axis=0)
-    assert ((stretches >= played.eliminations) & (stretches <= played.eliminations + 1)).all()
+    play_requests = np.asarray(trajectory.active).sum(axis=0)
+    assert ((play_requests >= played.eliminations) & (play_requests <= played.eliminations + 1)).all()
     assert (np.asarray(trajectory.done).sum(axis=0) == 1).all()
 
 

@@ -46,7 +46,7 @@ def assert_same_tree(a: object, b: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> loop.Outcome:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> loop.EpisodeResult:
     outcome = loop.train(TINY, tmp_path_factory.mktemp("runs") / "finished", QUIET)
     evaluation = evaluate(TINY, outcome.state.learner, GAMES)
     runs.write_evaluation(outcome.folder, TINY, evaluation, int(outcome.state.update))
@@ -57,11 +57,11 @@ def without_clock(folder: Path) -> list[dict[str, str]]:
     return [{k: v for k, v in line.items() if k not in trainer.CLOCKS} for line in logs.read(folder)]
 
 
-def copy_of(finished: loop.Outcome, folder: Path) -> Path:
+def copy_of(finished: loop.EpisodeResult, folder: Path) -> Path:
     return Path(shutil.copytree(finished.folder, folder))
 
 
-def test_a_run_leaves_its_folder(finished: loop.Outcome) -> None:
+def test_a_run_leaves_its_folder(finished: loop.EpisodeResult) -> None:
     assert finished.finished
     names = {entry.name for entry in finished.folder.iterdir()}
     assert names == {"config.json", "metrics.csv", "curve.png", "checkpoints", "evaluation.json", "evaluation.md"}
@@ -70,7 +70,7 @@ def test_a_run_leaves_its_folder(finished: loop.Outcome) -> None:
     assert sorted(entry.name for entry in (finished.folder / checkpoint.FOLDER).iterdir()) == ["000002", "000003"]
 
 
-def test_metrics_of_every_round(finished: loop.Outcome) -> None:
+def test_metrics_of_every_round(finished: loop.EpisodeResult) -> None:
     lines = logs.read(finished.folder)
     assert [int(line["update"]) for line in lines] == [1, 2, 3]
     assert [int(line["episodes"]) for line in lines] == [16, 32, 48]
@@ -80,7 +80,7 @@ def test_metrics_of_every_round(finished: loop.Outcome) -> None:
     assert all(int(line["faults"]) == 0 for line in lines)
 
 
-def test_results_carry_their_origin(finished: loop.Outcome) -> None:
+def test_results_carry_their_origin(finished: loop.EpisodeResult) -> None:
     for name in ("config.json", "evaluation.json"):
         content = json.loads((finished.folder / name).read_text())
         assert content["settings"]["seed"] == TINY.seed
@@ -96,7 +96,7 @@ def test_results_carry_their_origin(finished: loop.Outcome) -> None:
         assert fact in text
 
 
-def test_evaluation_of_two_games(finished: loop.Outcome) -> None:
+def test_evaluation_of_two_games(finished: loop.EpisodeResult) -> None:
     content = json.loads((finished.folder / "evaluation.json").read_text())
     assert [game["game"] for game in content["games"]] == list(GAMES)
     assert list(content["splits"]) == ["basic"]  # no mean of forty games without forty games
@@ -108,7 +108,7 @@ def test_evaluation_of_two_games(finished: loop.Outcome) -> None:
     assert [len(game["plan"]) for game in content["games"]] == [2, 4]
 
 
-def test_a_run_is_read_again(finished: loop.Outcome) -> None:
+def test_a_run_is_read_again(finished: loop.EpisodeResult) -> None:
     config, state = runs.load(finished.folder)
     assert config == TINY
     assert_same_tree(state, finished.state)
@@ -116,7 +116,7 @@ def test_a_run_is_read_again(finished: loop.Outcome) -> None:
 
 
 def test_an_interrupted_run_goes_on_to_the_same_bits(
-    finished: loop.Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: loop.EpisodeResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interrupted while the second round is played, then resumed; a line cut short by a kill is written again."""
     real, calls = collect.play, iter(range(100))
@@ -140,14 +140,14 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_a_run_without_a_checkpoint_begins_again(finished: loop.Outcome, tmp_path: Path) -> None:
+def test_a_run_without_a_checkpoint_begins_again(finished: loop.EpisodeResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     shutil.rmtree(folder / checkpoint.FOLDER)
     assert_same_tree(loop.resume(folder, QUIET).state, finished.state)
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_a_folder_in_use_is_refused(finished: loop.Outcome, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_in_use_is_refused(finished: loop.EpisodeResult, capsys: pytest.CaptureFixture[str]) -> None:
     before = (finished.folder / "metrics.csv").read_text()
     with pytest.raises(ValueError, match="expected a new or empty folder"):
         loop.train(TINY, finished.folder, QUIET)
@@ -156,7 +156,7 @@ def test_a_folder_in_use_is_refused(finished: loop.Outcome, capsys: pytest.Captu
     assert (finished.folder / "metrics.csv").read_text() == before
 
 
-def test_damaged_folders_get_one_line(finished: loop.Outcome, tmp_path: Path) -> None:
+def test_damaged_folders_get_one_line(finished: loop.EpisodeResult, tmp_path: Path) -> None:
     cases = {
         "missing": "there is no config.json",
         "not_json": "config.json: not JSON",
@@ -214,7 +214,7 @@ def flip(file: Path) -> None:
 
 @pytest.mark.parametrize("case", DAMAGE)
 def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
-    case: str, finished: loop.Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    case: str, finished: loop.EpisodeResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = copy_of(finished, tmp_path / "run")
     damage, message = DAMAGE[case]
@@ -229,7 +229,7 @@ def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_other_versions_are_evaluated_but_not_resumed(finished: loop.Outcome, tmp_path: Path) -> None:
+def test_other_versions_are_evaluated_but_not_resumed(finished: loop.EpisodeResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     for name in checkpoint.names(folder):
         path = folder / checkpoint.FOLDER / name / checkpoint.MANIFEST
@@ -242,7 +242,7 @@ def test_other_versions_are_evaluated_but_not_resumed(finished: loop.Outcome, tm
         loop.resume(folder, QUIET)
 
 
-def test_runs_are_compared(finished: loop.Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_are_compared(finished: loop.EpisodeResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     second = copy_of(finished, tmp_path / "second")
     content = json.loads((second / "config.json").read_text())
     content["settings"]["seed"] = 1
@@ -295,7 +295,7 @@ def test_paper_numbers_agree_with_their_table() -> None:
         assert abs(np.mean(rewards) - by_split["all"][0]) < 0.0051
 
 
-def test_results_name_what_is_missing(finished: loop.Outcome, tmp_path: Path) -> None:
+def test_results_name_what_is_missing(finished: loop.EpisodeResult, tmp_path: Path) -> None:
     table = agents.rows()
     assert len(table) == 14  # the paper's twelve, and two of our own
     of_paper = agents.rows("paper")

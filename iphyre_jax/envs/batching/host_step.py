@@ -17,14 +17,14 @@ import numpy.typing as npt
 from iphyre_jax.envs.batching.host_views import HostViews
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
 from iphyre_jax.envs.batching.step_program import BEGIN, EnvStep, scene_layout
-from iphyre_jax.envs.episode_timing import Protocol
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.compilation.client import OnClient, aligned, aligned_copy
 from iphyre_jax.execution.compilation.executables import executable, prepare
 from iphyre_jax.execution.layout import Layout, filled, pieces
 from iphyre_jax.execution.programs import clock
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.observations.features import Features
-from iphyre_jax.scenes.compile import timing
+from iphyre_jax.scenes.compile import step_timing
 
 ID_WORDS: Final = 2  # in front of a scene's words: tells its content from any other
 SHORT: Final = 1e-3  # s, of a task; shorter ones gain nothing from a second thread, which must be woken
@@ -73,7 +73,7 @@ class HostStep:
     def __init__(
         self,
         programs: Sequence[EnvStep],
-        protocol: Protocol,
+        protocol: EpisodeProtocol,
         features: Layout,
         view: Callable[[Features], HostViews],
     ) -> None:
@@ -85,7 +85,7 @@ class HostStep:
         self._features, self._view = features, view
         self._steps = protocol.steps
         self._once = OnClient(np.ones(1, np.int32))
-        self._clock = OnClient(clock(timing(protocol.fps, programs[0].dtype)))
+        self._clock = OnClient(clock(step_timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, _Table] = OrderedDict()
         self._laid_out: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
         self._task_seconds = 0.0  # processor time of a task, the mean of the last decision's

@@ -92,9 +92,9 @@ class HostViews:
         self._id = np.zeros((self._games, 0), np.intp)  # row of a game and a set; -1 for none
         self._kept = np.zeros((0, self.size), np.float32)
 
-    def _ids(self, game: Ints, standing: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    def _ids(self, game: Ints, present: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
         """Return the kept row of each world, made first if it must be."""
-        masks = (standing * self._powers).sum(axis=1, dtype=np.uint64)
+        masks = (present * self._powers).sum(axis=1, dtype=np.uint64)
         column = np.searchsorted(self._masks, masks)
         if not len(self._masks) or (self._masks[np.minimum(column, len(self._masks) - 1)] != masks).any():
             every = np.union1d(self._masks, masks)
@@ -107,7 +107,7 @@ class HostViews:
             self._make(np.unique(np.stack([game, column])[:, ids < 0], axis=1).T.tolist())
             if len(self._kept) > KEPT:
                 self._forget()
-                return self._ids(game, standing)
+                return self._ids(game, present)
             ids = self._id[game, column]
         return ids
 
@@ -118,12 +118,12 @@ class HostViews:
             self._id[game, column] = len(self._kept) + k
         self._kept = np.concatenate([self._kept, np.stack(rows)])
 
-    def _row(self, game: int, standing: npt.NDArray[np.bool_]) -> Floats:
+    def _row(self, game: int, present: npt.NDArray[np.bool_]) -> Floats:
         """Return the observation of a game with some blocks left; what moves is written over it."""
         features = self._features
         table = np.array(features.seen[game], np.float32)
         there = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
-        for block, stands in zip(np.asarray(features.slot_object)[game], standing, strict=True):
+        for block, stands in zip(np.asarray(features.slot_object)[game], present, strict=True):
             if block >= 0 and not stands:
                 there[block] = False
         for column, pairs in ((7, features.joints), (8, features.springs)):

@@ -27,7 +27,7 @@ from iphyre_jax.envs.params import EnvParams, EnvState, Played, Worlds
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
-from iphyre_jax.execution.programs import progress_layout
+from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, Pose, objects_there, own_features, scene_tables
 from iphyre_jax.observations.official import COLUMNS
 from iphyre_jax.observations.vectors import observation_size
@@ -126,12 +126,12 @@ class HostWorlds(Worlds):
         params: HostParams,
         state: HostState,
         plan: jax.Array,
-        until: jax.Array,
+        stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
     ) -> Played:
         """Play on; see `params.Worlds`."""
-        orders = jnp.concatenate([plan, until[None], executed]).astype(WORD[self.dtype])
+        orders = jnp.concatenate([plan, stop_step[None], executed]).astype(WORD[self.dtype])
         results = ["words", "seen", "status", *(["words", "seen"] if self.keep_last else [])]
         words, seen, status, *last = self._call(play_episodes, results, params, state.words, orders, next_game)
         last_state, last_seen = (HostState(last[0]), last[1]) if last else (None, None)
@@ -157,11 +157,11 @@ class HostWorlds(Worlds):
         numbers = jax.lax.bitcast_convert_type(state.words[jnp.asarray(places)[params.kind[state.game]]], self.dtype)
         x, y, angle = numbers.reshape(3, bodies)
         sound = status.fault != FAULT_NOT_FINITE
-        return features, Pose(x, y, angle, objects_there(features, status.standing), sound)
+        return features, Pose(x, y, angle, objects_there(features, status.present), sound)
 
     def _places(self, topology: Topology, bodies: int) -> list[int]:
         """Return where the words of an episode have x, y and angle of each moving body."""
-        places, first = progress_layout(topology, self.dtype).places(), status_words(self.limits.blocks)
+        places, first = episode_layout(topology, self.dtype).places(), status_words(self.limits.blocks)
         own = (places.state.position.x, places.state.position.y, places.state.angle)
         moving = range(topology.moving)
         return [

@@ -9,39 +9,39 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.envs.batching.stretches import Stretch
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.envs.batching.play_requests import PlayRequest
+from iphyre_jax.rollouts import EpisodeState
 
 Tree = TypeVar("Tree")
-Branch = Callable[[Stretch, Progress], Progress]
+Branch = Callable[[PlayRequest, EpisodeState], EpisodeState]
 
 
-def play_slices(branch: Branch, lanes: int, stretch: Stretch, progress: Progress) -> Progress:
+def play_slices(branch: Branch, lanes: int, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
     """Play a batch of worlds of one topology, slice by slice."""
-    size = stretch.game.shape[0]
+    size = request.game.shape[0]
     if size == lanes:
-        return _as_batch(branch(*_as_lanes((stretch, progress))))
+        return _as_batch(branch(*_as_lanes((request, episode))))
 
-    def play(k: jax.Array, whole: Progress) -> Progress:
+    def play(k: jax.Array, whole: EpisodeState) -> EpisodeState:
         begin = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice has again are done and wait
-        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, begin, lanes), (stretch, whole))
+        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, begin, lanes), (request, whole))
         after = _as_batch(branch(*_as_lanes(part)))
         return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, begin, 0), whole, after)
 
-    return jax.lax.fori_loop(0, -(-size // lanes), play, progress)
+    return jax.lax.fori_loop(0, -(-size // lanes), play, episode)
 
 
 def play_sorted(
-    branches: Sequence[Branch], lanes: int, kind: jax.Array, stretch: Stretch, progress: Progress
-) -> Progress:
+    branches: Sequence[Branch], lanes: int, kind: jax.Array, request: PlayRequest, episode: EpisodeState
+) -> EpisodeState:
     """Play a batch of worlds of several topologies, sorted into chunks of one topology each."""
-    size = stretch.game.shape[0]
+    size = request.game.shape[0]
     chunks = _chunks(kind, len(branches), lanes)
 
-    def play(k: jax.Array, whole: Progress) -> Progress:
+    def play(k: jax.Array, whole: EpisodeState) -> EpisodeState:
         kind, rows = chunks.at(k)
-        part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (stretch, whole))
-        part = replace(part, until=jnp.where(rows < size, part.until, 0))  # a spare lane waits from the start
+        part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (request, whole))
+        part = replace(part, stop_step=jnp.where(rows < size, part.stop_step, 0))  # a spare lane waits from the start
         after = _as_batch(jax.lax.switch(kind, branches, *_as_lanes((part, before))))
         return jax.tree.map(
             lambda leaf, new: leaf.at[rows].set(new, mode="drop", unique_indices=True, indices_are_sorted=True),
@@ -49,7 +49,7 @@ def play_sorted(
             after,
         )
 
-    return jax.lax.fori_loop(0, chunks.count, play, progress)
+    return jax.lax.fori_loop(0, chunks.count, play, episode)
 
 
 def _as_lanes(tree: Tree) -> Tree:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics.types import World
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.rollouts import EpisodeState
 
 
 class Status(NamedTuple):
@@ -20,20 +20,20 @@ class Status(NamedTuple):
     steps: jax.Array  # () int32, physics steps made, the solving one included
     eliminations: jax.Array  # () int32, blocks removed by then
     fault: jax.Array  # () int32, 0 for a sound world, see `rollouts`
-    standing: jax.Array  # (slots,) bool, slots of a plan whose block is still there
+    present: jax.Array  # (slots,) bool, slots of a plan whose block is still there
     executed: jax.Array  # (slots,) bool, slots that a combined plan has executed
 
 
-def status_of(game: jax.Array, world: World, progress: Progress, executed: jax.Array) -> Status:
+def status_of(game: jax.Array, world: World, episode: EpisodeState, executed: jax.Array) -> Status:
     """Return the status of an episode."""
-    out = progress.outcome
-    there = standing(world, progress, executed.shape[0])
-    return Status(game, progress.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed)
+    out = episode.result
+    there = present(world, episode, executed.shape[0])
+    return Status(game, episode.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed)
 
 
-def standing(world: World, progress: Progress, slots: int) -> jax.Array:
+def present(world: World, episode: EpisodeState, slots: int) -> jax.Array:
     """Return which slots of a plan stand for a block that is still there, (slots,) bool."""
-    here = [jnp.any((world.column == slot) & progress.state.alive, axis=0) for slot in range(slots)]
+    here = [jnp.any((world.plan_slot == slot) & episode.state.alive, axis=0) for slot in range(slots)]
     return jnp.stack(here)
 
 
@@ -47,7 +47,7 @@ def status_words(slots: int) -> int:
 
 def status_rows(status: Status) -> list[jax.Array]:
     """Return the words of a status, each () int32; lanes stay behind."""
-    return [part.astype(jnp.int32) for part in (*status[:6], *status.standing, *status.executed)]
+    return [part.astype(jnp.int32) for part in (*status[:6], *status.present, *status.executed)]
 
 
 def unpack_status(words: jax.Array) -> Status:

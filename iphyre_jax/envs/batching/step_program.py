@@ -14,13 +14,13 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax import rollouts
+from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
-from iphyre_jax.envs.batching.stretches import Stretch, play_lanes
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.layout import WORD, Layout
 from iphyre_jax.observations.features import Pose, seen_ends, speeds
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rollouts import FAULT_NOT_FINITE, Progress
+from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
 BLOCK: Final = 48  # rows that are turned over at a time: as many lines as the first cache holds of rows 512 bytes apart
 SHOWN: Final = 7  # numbers of what is seen of a moving body
@@ -49,7 +49,7 @@ class EnvStep:
         *programs.SOURCES,
         "observations/official.py",
         "observations/features.py",
-        *(f"envs/batching/{name}.py" for name in ("step_program", "status", "stretches")),
+        *(f"envs/batching/{name}.py" for name in ("step_program", "status", "play_requests")),
     )
 
     topology: Topology
@@ -60,7 +60,7 @@ class EnvStep:
     @property
     def row(self) -> int:
         """Words of an episode."""
-        return status_words(self.slots) + programs.progress_layout(self.topology, self.dtype).rows
+        return status_words(self.slots) + programs.episode_layout(self.topology, self.dtype).rows
 
     @property
     def shown(self) -> int:
@@ -103,23 +103,23 @@ class EnvStep:
     ) -> tuple[jax.Array, ...]:
         """Return words and numbers of the episodes, and parts of what is seen of them; all have lanes behind."""
         blocks, first = self.slots, status_words(self.slots)
-        layout = programs.progress_layout(self.topology, self.dtype)
+        layout = programs.episode_layout(self.topology, self.dtype)
         episodes, orders = worlds[: self.row], worlds[self.row :].astype(jnp.int32)
-        plan, until, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
-        progress = _begun(self.topology, world, until == BEGIN, layout.unpack(episodes[first:]))
-        until = jnp.where(until == BEGIN, progress.state.step, until)
-        stretch = Stretch(episodes[0].astype(jnp.int32), plan, until)
-        progress = play_lanes(self.topology, timing, world, stretch, progress)
-        status = status_of(stretch.game, world, progress, executed)
+        plan, stop_step, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
+        episode = _begun(self.topology, world, stop_step == BEGIN, layout.unpack(episodes[first:]))
+        stop_step = jnp.where(stop_step == BEGIN, episode.state.step, stop_step)
+        request = PlayRequest(episodes[0].astype(jnp.int32), plan, stop_step)
+        episode = run_requests(self.topology, timing, world, request, episode)
+        status = status_of(request.game, world, episode, executed)
 
         def tables() -> tuple[jax.Array, ...]:
-            whole, numbers = layout.parts(progress)
+            whole, numbers = layout.parts(episode)
             # Many rows: of a few arrays the compiler would choose one for each number.
             words = jnp.concatenate([*(row.astype(worlds.dtype)[None] for row in status_rows(status)), whole])
             sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
-            position = progress.state.position
-            pose = Pose(position.x, position.y, progress.state.angle, status.standing, sound)
-            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(progress), strict=True)]
+            position = episode.state.position
+            pose = Pose(position.x, position.y, episode.state.angle, status.present, sound)
+            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(episode), strict=True)]
             rows = jnp.concatenate(shown)
             return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
 
@@ -141,11 +141,11 @@ def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
     return out
 
 
-def _begun(topology: Topology, world: World, begins: jax.Array, progress: Progress) -> Progress:
+def _begun(topology: Topology, world: World, begins: jax.Array, episode: EpisodeState) -> EpisodeState:
     """Return episodes, those that begin as they are before their first step."""
 
-    def fresh() -> Progress:
-        start = rollouts.begin(topology, world, jnp.zeros_like(begins))
-        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(begins, old.shape), new, old), start, progress)
+    def fresh() -> EpisodeState:
+        start = rollouts.reset_episode(topology, world, jnp.zeros_like(begins))
+        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(begins, old.shape), new, old), start, episode)
 
-    return jax.lax.cond(jnp.any(begins), fresh, lambda: progress)
+    return jax.lax.cond(jnp.any(begins), fresh, lambda: episode)

@@ -22,13 +22,13 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
 from iphyre_jax.envs.batching.padded_shapes import Rows
+from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests, start
 from iphyre_jax.envs.batching.sorting import play_slices, play_sorted
-from iphyre_jax.envs.batching.stretches import Stretch, play_lanes, start
 from iphyre_jax.execution.devices import traced_lanes
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.rollouts import EpisodeState
 
-Play = Callable[[Timing, "Games", Stretch, Progress], Progress]
+Play = Callable[[Timing, "Games", PlayRequest, EpisodeState], EpisodeState]
 
 
 @jax.tree_util.register_dataclass
@@ -47,12 +47,12 @@ class Mixture:
     Attributes:
         topologies: in the order in which `Games.kind` counts them.
         worlds: shapes of a world of each.
-        progresses: shapes of its progress.
+        episodes: shapes of its progress.
     """
 
     topologies: tuple[Topology, ...]
     worlds: tuple[Rows, ...]
-    progresses: tuple[Rows, ...]
+    episodes: tuple[Rows, ...]
 
     @classmethod
     @cache
@@ -65,7 +65,7 @@ class Mixture:
 
     def only(self, kind: int) -> Mixture:
         """Return the mixture of one of the topologies."""
-        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.progresses[kind],))
+        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.episodes[kind],))
 
     @property
     def world(self) -> Rows:
@@ -73,20 +73,20 @@ class Mixture:
         return Rows.largest(self.worlds)
 
     @property
-    def progress(self) -> Rows:
+    def episode(self) -> Rows:
         """The shapes of a progress filled up."""
-        return Rows.largest(self.progresses)
+        return Rows.largest(self.episodes)
 
-    def play(self, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
-        """Play one world until `stretch.until` steps are made or its episode is over; one that is over stays as it is.
+    def play(self, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+        """Play one world until `request.stop_step` steps are made or its episode is done; one that is done stays.
 
         Args:
             timing: of the physics step; not to be mapped over.
             games: the table.
-            stretch: of one world.
-            progress: of the world, filled up.
+            request: of one world.
+            episode: of the world, filled up.
         """
-        return _vmappable(self)(timing, games, stretch, progress)
+        return _vmappable(self)(timing, games, request, episode)
 
 
 @cache
@@ -96,55 +96,55 @@ def _vmappable(mixture: Mixture) -> Play:
 
     @play.def_vmap
     def batched(
-        size: int, mapped: Sequence[object], timing: Timing, games: Games, stretch: Stretch, progress: Progress
-    ) -> tuple[Progress, Progress]:
+        size: int, mapped: Sequence[object], timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState
+    ) -> tuple[EpisodeState, EpisodeState]:
         if any(jax.tree.leaves(mapped[0])):
             raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
 
         def with_axis(leaf: jax.Array, has_axis: bool) -> jax.Array:
             return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
 
-        stretch, progress = jax.tree.map(with_axis, (stretch, progress), tuple(mapped[2:]))
+        request, episode = jax.tree.map(with_axis, (request, episode), tuple(mapped[2:]))
         if any(jax.tree.leaves(mapped[1])):  # a table for each: one below the other
             games = jax.tree.map(with_axis, games, mapped[1])
             each = games.kind.shape[1]
             games = jax.tree.map(lambda leaf: leaf.reshape(size * each, *leaf.shape[2:]), games)
             first = each * jnp.arange(size, dtype=jnp.int32)
-            stretch = replace(stretch, game=stretch.game + first.reshape(size, *(1,) * (stretch.game.ndim - 1)))
-        batch = stretch.game.shape
+            request = replace(request, game=request.game + first.reshape(size, *(1,) * (request.game.ndim - 1)))
+        batch = request.game.shape
         count = math.prod(batch)
-        flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (stretch, progress))
+        flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (request, episode))
         out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, games, *flat))
         return out, jax.tree.map(lambda _: True, out)
 
     return play
 
 
-def _play(mixture: Mixture, timing: Timing, games: Games, stretch: Stretch, progress: Progress) -> Progress:
+def _play(mixture: Mixture, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
     """Play one world, or a batch on the leading axis."""
     branches = [partial(_play_kind, mixture, kind, timing, games.world) for kind in range(len(mixture.topologies))]
-    if stretch.game.ndim == 0:
-        return jax.lax.switch(games.kind[stretch.game], branches, stretch, progress)
-    size = stretch.game.shape[0]
+    if request.game.ndim == 0:
+        return jax.lax.switch(games.kind[request.game], branches, request, episode)
+    size = request.game.shape[0]
     lanes = min(size, traced_lanes())
     if len(branches) == 1:
-        return play_slices(branches[0], lanes, stretch, progress)
-    return play_sorted(branches, lanes, games.kind[stretch.game], stretch, progress)
+        return play_slices(branches[0], lanes, request, episode)
+    return play_sorted(branches, lanes, games.kind[request.game], request, episode)
 
 
 def _play_kind(
-    mixture: Mixture, kind: int, timing: Timing, worlds: World, stretch: Stretch, progress: Progress
-) -> Progress:
+    mixture: Mixture, kind: int, timing: Timing, worlds: World, request: PlayRequest, episode: EpisodeState
+) -> EpisodeState:
     """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
     own = mixture.worlds[kind]
     one = jax.tree.leaves(worlds)[0].shape[0] == 1
 
     def in_lanes(leaf: jax.Array) -> jax.Array:
         if one:  # nothing to look up, and the same number in all lanes
-            rows = leaf[0].reshape(*leaf.shape[1:], *(1,) * stretch.game.ndim)
-            return jnp.broadcast_to(rows, (*leaf.shape[1:], *stretch.game.shape))
-        return jnp.moveaxis(leaf[stretch.game], 0, -1) if stretch.game.ndim else leaf[stretch.game]
+            rows = leaf[0].reshape(*leaf.shape[1:], *(1,) * request.game.ndim)
+            return jnp.broadcast_to(rows, (*leaf.shape[1:], *request.game.shape))
+        return jnp.moveaxis(leaf[request.game], 0, -1) if request.game.ndim else leaf[request.game]
 
     world = own.cut(jax.tree.map(in_lanes, worlds))
-    after = play_lanes(mixture.topologies[kind], timing, world, stretch, mixture.progresses[kind].cut(progress))
-    return mixture.progress.fill(after)
+    after = run_requests(mixture.topologies[kind], timing, world, request, mixture.episodes[kind].cut(episode))
+    return mixture.episode.fill(after)

@@ -10,17 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.envs.batching.play_requests import PlayRequest, start
 from iphyre_jax.envs.batching.status import Status, status_of
-from iphyre_jax.envs.batching.stretches import Stretch, start
 from iphyre_jax.envs.batching.topology_set import Games, Mixture
 from iphyre_jax.envs.params import EnvParams, EnvState, Played, Worlds
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.observations.features import Features, Pose, own_features, pose_of, scene_tables
 from iphyre_jax.observations.vectors import observe
 from iphyre_jax.physics.types import World
-from iphyre_jax.rollouts import Progress
+from iphyre_jax.rollouts import EpisodeState
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import timing
+from iphyre_jax.scenes.compile import step_timing
 
 Tree = TypeVar("Tree")
 
@@ -31,7 +31,7 @@ class TracedParams(EnvParams):
     """Games as arrays, each filled up to the largest."""
 
     table: Games  # as the solver reads them
-    start: Progress  # before the first step
+    start: EpisodeState  # before the first step
     features: Features  # what an observation needs
 
     @property
@@ -55,7 +55,7 @@ class TracedParams(EnvParams):
 class TracedState(EnvState):
     """An episode as the solver has it, filled up to the largest."""
 
-    progress: Progress  # of the physics
+    episode: EpisodeState  # of the physics
     row: jax.Array  # () int32, row of the parameters
     executed: jax.Array  # (slots,) bool, slots that a combined plan has executed
 
@@ -82,10 +82,10 @@ class TracedWorlds(Worlds):
             for scene in scenes:
                 topology, world = cached_world(scene, self.protocol.resets, self.dtype)
                 kinds.append(self.topologies.index(topology))
-                rows.append((mixture.world.fill(world), mixture.progress.fill(start(topology, world))))
-            world, progress = _table(rows)
+                rows.append((mixture.world.fill(world), mixture.episode.fill(start(topology, world))))
+            world, episode = _table(rows)
             features = _table([scene_tables(scene, self.topologies, self.dtype) for scene in scenes])
-            return TracedParams(Games(world, jnp.asarray(kinds, jnp.int32)), progress, features)
+            return TracedParams(Games(world, jnp.asarray(kinds, jnp.int32)), episode, features)
 
     def alone(self, params: TracedParams, game: int) -> TracedParams:
         """Return the parameters of one game, for worlds of its topology alone (host)."""
@@ -94,7 +94,7 @@ class TracedWorlds(Worlds):
         with jax.enable_x64(self.dtype == "float64"):
             tables = params.world, params.start, params.features
             world, begun, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
-            own = of.world.cut(world), of.progress.cut(begun), own_features(features, self.topologies[kind])
+            own = of.world.cut(world), of.episode.cut(begun), own_features(features, self.topologies[kind])
             world, begun, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
             return TracedParams(Games(world, jnp.zeros(1, jnp.int32)), begun, features)
 
@@ -109,14 +109,14 @@ class TracedWorlds(Worlds):
         params: TracedParams,
         state: TracedState,
         plan: jax.Array,
-        until: jax.Array,
+        stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
     ) -> Played:
         """Play on; see `params.Worlds`."""
-        times, games = _opaque((timing(self.protocol.fps, self.dtype), params.table))
-        progress = self.mixture.play(times, games, Stretch(state.row, plan, until), state.progress)
-        last = TracedState(progress, state.row, executed)
+        times, games = _opaque((step_timing(self.protocol.fps, self.dtype), params.table))
+        episode = self.mixture.play(times, games, PlayRequest(state.row, plan, stop_step), state.episode)
+        last = TracedState(episode, state.row, executed)
         status, last_seen = self.status(params, last), self.observe(params, last)
         ended = status.success | (status.fault != 0) | (status.step >= self.protocol.steps)
         follows = ended & (next_game >= 0)
@@ -126,18 +126,18 @@ class TracedWorlds(Worlds):
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""
-        return status_of(state.row, _row(params.world, state.row), state.progress, state.executed)
+        return status_of(state.row, _row(params.world, state.row), state.episode, state.executed)
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
         """Return what is seen of an episode."""
-        standing, steps = self.status(params, state).standing, jnp.asarray(self.protocol.steps)
+        present, steps = self.status(params, state).present, jnp.asarray(self.protocol.steps)
         features = _row(params.features, state.row)
-        return jnp.concatenate(observe(self.observation, features, standing, state.progress, steps, no_op=self.no_op))
+        return jnp.concatenate(observe(self.observation, features, present, state.episode, steps, no_op=self.no_op))
 
     def pose(self, params: TracedParams, state: TracedState) -> tuple[Features, Pose]:
         """Return what a picture of an episode needs."""
         features = _row(params.features, state.row)
-        return features, pose_of(features, self.status(params, state).standing, state.progress)
+        return features, pose_of(features, self.status(params, state).present, state.episode)
 
 
 def _table(rows: Sequence[Tree]) -> Tree:

@@ -12,7 +12,7 @@ FRAMES_PER_SECOND: Final = 10
 
 
 @dataclass(frozen=True)
-class Protocol:
+class EpisodeProtocol:
     """Physics under the decisions, which come every 0.1 s whatever the physics.
 
     Attributes:
@@ -36,17 +36,17 @@ class Protocol:
         return FRAMES * self.steps_per_frame
 
 
-PROTOCOLS: Final[Mapping[str, Protocol]] = MappingProxyType(
+PROTOCOLS: Final[Mapping[str, EpisodeProtocol]] = MappingProxyType(
     {
         # The official environments fill their space twice before they play.
-        "official": Protocol("official", fps=10, resets=2),
+        "official": EpisodeProtocol("official", fps=10, resets=2),
         # What people play at: 60 steps a second in a fresh space.
-        "smooth": Protocol("smooth", fps=60, resets=1),
+        "smooth": EpisodeProtocol("smooth", fps=60, resets=1),
     }
 )
 
 
-def protocol_named(name: object) -> Protocol:
+def protocol_named(name: object) -> EpisodeProtocol:
     """Return a protocol.
 
     Raises:
