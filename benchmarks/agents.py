@@ -19,9 +19,10 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from iphyre_jax.envs.in_advance import OFFICIAL_FPS
 from iphyre_jax.execution.configuration import configure
+from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.provenance import provenance
+from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.reports import compare
@@ -114,7 +115,7 @@ def ship(arguments: Arguments, name: str) -> None:
     judged = [float(np.mean(run.scores("greedy", "basic") + run.scores("greedy", "unseen_basic"))) for run in seeds]
     best = int(np.argmax(judged))
     config, state = runs.load(folders[best])
-    about = runs.read_json(folders[best] / runs.CONFIG)
+    about = read_json_object(folders[best] / runs.CONFIG)
     origin = {
         "chosen": f"best of {len(seeds)} seeds by greedy reward on the basic and unseen basic games",
         "trained": {key: about[key] for key in ("started", "versions", "device", "machine", "commit")},
@@ -153,7 +154,7 @@ def _times(found: Sequence[compare.Row]) -> str:
 def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str], out: Path, stem: str) -> str:
     """The text of the document; draws its pictures."""
     all_runs = [run for members in found.values() for run in members]
-    commits = {str(runs.read_json(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
+    commits = {str(read_json_object(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
     facts = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
     parts = [
         "# Results",
@@ -222,7 +223,7 @@ def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
                 missing.append(f"{name} seed {seed}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     text = document(found, missing, arguments.out, arguments.stem)
-    logs.replace_text(arguments.out / f"{arguments.stem}.md", text)
+    replace_text(arguments.out / f"{arguments.stem}.md", text)
 
 
 if __name__ == "__main__":

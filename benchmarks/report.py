@@ -7,8 +7,6 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -24,7 +22,7 @@ from benchmarks.scaling_size import Growth
 from benchmarks.startup import Startup
 from benchmarks.workload import MIXED
 from iphyre_jax.execution.configuration import usable_cores
-from iphyre_jax.provenance import source_commit
+from iphyre_jax.provenance import CORE, processor, source_commit, versions
 
 SCHEMA = 2  # of the JSON file
 QUIET = 0.5  # load below which the machine counts as idle
@@ -67,7 +65,6 @@ class Results:
 
 def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
     """Machine, versions, commit and options."""
-    names = ("jax", "jaxlib", "numpy", "pymunk")
     return {
         "machine": {
             "system": platform.platform(),
@@ -75,7 +72,7 @@ def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
             "cores": usable_cores(),
             "load": os.getloadavg()[0],  # processes that wanted a core in the minute before the start
         },
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in names}},
+        "versions": versions((*CORE, "pymunk")),
         "commit": source_commit(),
         "options": dict(options),
     }
@@ -89,16 +86,6 @@ def disturbance(around: Mapping[str, Any]) -> list[str]:
     return [
         f"the machine was busy at the start (load {load:.1f}): ratios are worth more than figures, and less than usual"
     ]
-
-
-def processor() -> str:
-    """The processor's name, as far as the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return named[0] if named else platform.processor() or platform.machine()
 
 
 def as_json(results: Results) -> str:

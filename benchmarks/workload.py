@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 import iphyre_jax
 from benchmarks.workers.protocol import Job
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, scene_to_dict
-from iphyre_jax.simulation import SceneLike
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, SceneLike, scene_to_dict
 from parity.plans import random_plans
 
 DURATION = 15.0  # s: 150 steps at 10 fps, 900 at 60

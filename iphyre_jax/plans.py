@@ -13,13 +13,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.rules import whole_fps
+from iphyre_jax.checks import whole_fps
+from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, TIME_LIMIT
 
 Rule = Literal["simulate", "in_advance"]
-
-NEVER = -1  # in `eliminate_at`: the block stays
-TIME_LIMIT = 15.0  # s, both official drivers
-DECISIONS_PER_SECOND = 10  # the in-advance environment looks at the plan every 0.1 s
 
 
 def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.int64]:

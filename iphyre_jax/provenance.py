@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import subprocess
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -14,21 +15,37 @@ import jax
 import iphyre_jax
 from iphyre_jax.execution.configuration import usable_cores
 
-PACKAGES = ("jax", "jaxlib", "numpy", "flax", "optax", "orbax-checkpoint")
+CORE = ("jax", "jaxlib", "numpy")  # packages that decide a result of the simulator
+PACKAGES = (*CORE, "flax", "optax", "orbax-checkpoint")  # of an agent
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python and of every package that decides a result."""
-    packages = {name: metadata.version(name) for name in PACKAGES}
-    return {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **packages}
+def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
+    """Return the versions of this package, of Python and of other packages."""
+    named = {name: metadata.version(name) for name in packages}
+    return {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **named}
+
+
+def processor() -> str:
+    """Return the processor's name, which `platform` does not know on Linux."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def device() -> str:
+    """Return the platform and kind of the first device of JAX."""
+    first = jax.devices()[0]
+    return f"{first.platform}: {first.device_kind}"
 
 
 def provenance() -> dict[str, Any]:
     """Versions, device, processors and commit, as JSON values; it goes into every result."""
-    device = jax.devices()[0]
     return {
         "versions": versions(),
-        "device": f"{device.platform}: {device.device_kind}",
+        "device": device(),
         "machine": f"{platform.system()} {platform.machine()}, {usable_cores()} cores",
         "commit": source_commit(),
     }

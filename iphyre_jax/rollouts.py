@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics import eliminate, initial_state, step
-from iphyre_jax.physics.constants import FLOOR
 from iphyre_jax.physics.types import State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec
+from iphyre_jax.rules import GOAL_Y
 
 FAULT_OVERFLOW = 1  # more contact points at once than the topology has slots
 FAULT_NOT_FINITE = 2  # a position or velocity is infinite or not a number
@@ -87,7 +87,7 @@ def episode_step(
     count = jnp.where(done, 0, jnp.sum(removed, axis=0, dtype=jnp.int32))
     state = eliminate(topology, world, episode.state, removed | jnp.expand_dims(done, 0))
     state = step(topology, world, timing, state)
-    solved = jnp.all(state.position.y[topology.bars :] > FLOOR, axis=0)
+    solved = jnp.all(state.position.y[topology.bars :] > GOAL_Y, axis=0)
     fault = jnp.where(_finite(state), jnp.where(state.overflow, FAULT_OVERFLOW, 0), FAULT_NOT_FINITE)
     success = solved & (fault == 0)
     new = EpisodeResult(

@@ -1,29 +1,29 @@
-"""The reward of an episode: +1000 for success, -10 for each elimination, -1 for each second."""
+"""The rules of the game: its constants, and the reward of an episode.
+
+Source: the paper and the official package 0.2.3, which states them in several places. What belongs to the solver stands
+in `physics.constants`.
+"""
 
 from __future__ import annotations
 
-import numbers
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-SUCCESS_REWARD = 1000.0
-ELIMINATION_REWARD = -10.0
-SECOND_REWARD = -1.0
+SCREEN: Final = 600.0  # px, side of the picture
+GOAL_Y: Final = 600.0  # px, the lower edge: solved once every ball's centre is strictly below it (y > 600) in one step
+TIME_LIMIT: Final = 15.0  # s, of an episode, in both official drivers
+DECISIONS_PER_SECOND: Final = 10  # the environments look every 0.1 s
+FRAMES: Final = 150  # decisions of 0.1 s in an episode
+NEVER: Final = -1  # in a plan of steps: the block stays
 
+OFFICIAL_FPS: Final = 10  # physics steps a second of the official environments
+OFFICIAL_RESETS: Final = 2  # they build their space, clear it and build it again before the first episode
 
-def whole_fps(fps: object) -> int:
-    """`fps` as an int.
-
-    Raises:
-        ValueError: it is not a positive whole number.
-    """
-    if not isinstance(fps, bool) and isinstance(fps, numbers.Real):
-        value = float(fps)
-        if value > 0 and value.is_integer():  # False for an infinity or a NaN
-            return int(value)
-    raise ValueError(f"fps: expected a positive whole number of physics steps a second, got {fps!r}")
+SUCCESS_REWARD: Final = 1000.0
+ELIMINATION_REWARD: Final = -10.0
+SECOND_REWARD: Final = -1.0
 
 
 def episode_reward(
@@ -35,7 +35,7 @@ def episode_reward(
     """(B,) float64 reward = 1000 if solved - 10 x eliminations - seconds played.
 
     Args:
-        success: (B,) bool, every ball fell below y = 600 px in one step.
+        success: (B,) bool, every ball was below y = 600 px after one and the same step.
         eliminations: (B,) int, blocks removed.
         steps: (B,) int, physics steps made, the solving one included.
         fps: physics steps a second.

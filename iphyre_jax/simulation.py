@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -12,17 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from jax.sharding import Mesh
 
+from iphyre_jax.checks import check_dtype, check_positive, check_whole
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import Share, agree, share_of
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
 from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import episode_reward
-from iphyre_jax.scenes import Scene, load_scene, scene_to_dict
-
-SceneLike = str | PathLike[str] | Scene
-
-_DTYPES = ("float32", "float64")
+from iphyre_jax.scenes import Scene, SceneLike, load_scene, scene_to_dict
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,21 +141,14 @@ def _settings(
     sample_every: int | None,
     share_prefixes: bool = False,
 ) -> Settings:
-    for name, number in (("fps", fps), ("duration", duration)):
-        if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not 0 < number < math.inf:
-            raise ValueError(f"{name}: expected a positive number, got {number!r}")
-    for name, whole in (("resets", resets), ("sample_every", 1 if sample_every is None else sample_every)):
-        if isinstance(whole, bool) or not isinstance(whole, int | np.integer) or whole < 1:
-            raise ValueError(f"{name}: expected a whole number of at least 1, got {whole!r}")
+    rate, seconds = check_positive("fps", fps), check_positive("duration", duration)
+    every = None if sample_every is None else check_whole("sample_every", sample_every)
     if not isinstance(share_prefixes, bool):
         raise ValueError(f"share_prefixes: expected True or False, got {share_prefixes!r}")
-    if dtype not in _DTYPES:
-        raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
-    steps = round(float(duration) * float(fps))
-    if steps < 1 or abs(float(duration) * float(fps) - steps) > 1e-6 * steps:
+    steps = round(seconds * rate)
+    if steps < 1 or abs(seconds * rate - steps) > 1e-6 * steps:
         raise ValueError(f"duration: expected duration x fps to be a whole number of steps, got {duration!r} x {fps!r}")
-    every = None if sample_every is None else int(sample_every)
-    return Settings(float(fps), steps, dtype, int(resets), every, share_prefixes)
+    return Settings(rate, steps, check_dtype(dtype), check_whole("resets", resets), every, share_prefixes)
 
 
 def _integers(name: str, value: npt.ArrayLike, ndim: int) -> npt.NDArray[np.int64]:

@@ -16,6 +16,8 @@ PACKAGE = Path(iphyre_jax.__file__).parent
 
 # Every part may import those before it, never one after it. A new part takes its place here.
 PARTS = (
+    "checks",
+    "files",
     "rules",
     "physics",
     "scenes",

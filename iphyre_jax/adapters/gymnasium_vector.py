@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from iphyre_jax.adapters.gymnasium_env import SEEDS, checked_action, gymnasium_flags, space_of
+from iphyre_jax.checks import check_whole
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
 
@@ -36,8 +37,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  # declared so there
 
     def __init__(self, id: str, num_envs: int = 1, **options: Any) -> None:  # noqa: ANN401
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ValueError(f"num_envs: expected a whole number of at least 1, got {num_envs!r}")
+        check_whole("num_envs", num_envs)
         if "autoreset" in options:
             raise ValueError("autoreset: expected none, the vector environment always resets in the same step")
         self.num_envs = num_envs

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from iphyre_jax.checks import show
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, read_scene
-from iphyre_jax.scenes.errors import show
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
 from iphyre_jax.viewer.load_plays import BEST, load_plays

@@ -10,10 +10,11 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import check_positive
 from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
-from iphyre_jax.plans import TIME_LIMIT
+from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 
 Click = Sequence[float]  # x, y, t: px and s
@@ -34,8 +35,7 @@ class IPHYRE:
     """
 
     def __init__(self, game: str | os.PathLike[str] | Scene = "support", fps: float = 60) -> None:
-        if isinstance(fps, bool) or not isinstance(fps, int | float | np.number) or not 0 < fps < float("inf"):
-            raise ValueError(f"fps: expected a positive number of steps a second, got {fps!r}")
+        check_positive("fps", fps, "a positive number of steps a second")
         self.scene = load_scene(game)
         self.game = self.scene.name
         self.FPS = fps

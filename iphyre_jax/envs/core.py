@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 from iphyre_jax.envs.batching.host_worlds import HostWorlds
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.batching.traced_worlds import TracedWorlds
-from iphyre_jax.envs.params import EnvParams, EnvState, SceneLike, Worlds
+from iphyre_jax.envs.params import EnvParams, EnvState, Worlds
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
@@ -30,7 +30,7 @@ from iphyre_jax.observations.features import motion_size, rows_size
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
-from iphyre_jax.scenes import Limits, Scene, load_scenes
+from iphyre_jax.scenes import Limits, Scene, SceneLike, load_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 
 BackendName = Literal["host", "xla"]

@@ -12,13 +12,13 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import check_whole
 from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
-from iphyre_jax.envs.params import SceneLike
 from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
-from iphyre_jax.scenes import GAMES, SPLITS, Limits, load_scenes
+from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
 
 Policy = Callable[[jax.Array, jax.Array], jax.Array]
 """`policy(key, observation) -> action` for one world, in JAX."""
@@ -103,8 +103,7 @@ def evaluate(
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
-    if isinstance(episodes, bool) or not isinstance(episodes, int) or episodes < 1:
-        raise ValueError(f"episodes: expected a whole number of at least 1, got {episodes!r}")
+    check_whole("episodes", episodes)
     if not callable(policy):
         raise ValueError(f"policy: expected a function of a key and an observation, got {policy!r}")
     environment, params = environment_of(

@@ -9,21 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.observations.official import start_observation
-from iphyre_jax.plans import NEVER, TIME_LIMIT, plan_to_steps
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scenes
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.rules import NEVER, OFFICIAL_FPS, OFFICIAL_RESETS, TIME_LIMIT
+from iphyre_jax.scenes import MAX_ELIMINABLE, SceneLike, load_scenes
 from iphyre_jax.simulation import simulate_many
-
-SceneLike = str | PathLike[str] | Scene
-
-OFFICIAL_FPS = 10
-OFFICIAL_RESETS = 2  # the environment builds its space, clears it and builds it again
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any, NamedTuple
 
 import jax
@@ -16,8 +15,6 @@ from iphyre_jax.observations.features import Features, Pose
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.scenes import Limits, Scene
-
-SceneLike = str | PathLike[str] | Scene
 
 
 class EnvParams(ABC):

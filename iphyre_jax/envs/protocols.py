@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-FRAMES: Final = 150  # decisions of 0.1 s in the 15 s of an episode
+from iphyre_jax.rules import FRAMES
+
 FRAMES_PER_SECOND: Final = 10
 
 

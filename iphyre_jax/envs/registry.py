@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Final, get_args
 
+from iphyre_jax.checks import check_dtype, check_option, check_whole
 from iphyre_jax.envs.core import BackendName, Environment
-from iphyre_jax.envs.params import EnvParams, SceneLike
+from iphyre_jax.envs.params import EnvParams
 from iphyre_jax.envs.protocols import EpisodeProtocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
 from iphyre_jax.observations.vectors import ObservationName
-from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scenes
+from iphyre_jax.rules import SCREEN
+from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scenes
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
 
-_DTYPES: Final = ("float32", "float64")
 _MAX_IMAGE: Final = 2400  # px
 _REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
 
@@ -128,10 +129,8 @@ def environment_of(
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
-    if dtype not in _DTYPES:
-        raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
-    if observation not in get_args(ObservationName):
-        raise ValueError(f"observation: expected one of {', '.join(get_args(ObservationName))}, got {observation!r}")
+    check_dtype(dtype)
+    check_option("observation", observation, get_args(ObservationName))
     if backend not in (None, *get_args(BackendName)):
         raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
     timing = protocol if isinstance(protocol, EpisodeProtocol) else protocol_named(protocol)
@@ -160,7 +159,5 @@ def _image_size(size: int | None, observation: str) -> int:
             raise ValueError('image_size: expected none without observation="image"')
         return 0
     if size is None:
-        return 600
-    if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= _MAX_IMAGE:
-        raise ValueError(f"image_size: expected a whole number of px from 1 to {_MAX_IMAGE}, got {size!r}")
-    return size
+        return int(SCREEN)
+    return check_whole("image_size", size, 1, _MAX_IMAGE, "px")

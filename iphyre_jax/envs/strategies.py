@@ -18,15 +18,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.protocols import FRAMES, EpisodeProtocol
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Discrete, Space
 from iphyre_jax.physics import lanes
+from iphyre_jax.rules import FRAMES, NEVER, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE
 
 StrategyName = Literal["in-advance", "on-the-fly", "combined"]
-
-TIME_LIMIT: Final = 15.0  # s
-NEVER: Final = -1
 
 
 class Order(NamedTuple):

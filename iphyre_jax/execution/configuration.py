@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
+from iphyre_jax.checks import check_positive, check_whole
 from iphyre_jax.execution.compilation.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
 
 SHORTEST_COMPILATION = 0.1  # s: quicker ones are not worth a file; JAX's own limit, 1 s, leaves out many of ours
@@ -100,12 +101,10 @@ def configure(
         ValueError: one line that names the argument and what was expected, also for a cache folder that others own
             or may write.
     """
-    if devices is not None and (isinstance(devices, bool) or not isinstance(devices, int) or devices < 1):
-        raise ValueError(f"devices: expected a whole number of at least 1, got {devices!r}")
-    if compile_timeout is not None and (
-        isinstance(compile_timeout, bool) or not isinstance(compile_timeout, int | float) or not compile_timeout > 0
-    ):
-        raise ValueError(f"compile_timeout: expected a positive number of seconds or None, got {compile_timeout!r}")
+    if devices is not None:
+        check_whole("devices", devices)
+    if compile_timeout is not None:
+        check_positive("compile_timeout", compile_timeout, "a positive number of seconds or None")
     if options is not None:
         text = "configure(options=...) does nothing any more: compiler options are never set in this process"
         warnings.warn(text, DeprecationWarning, stacklevel=2)

@@ -22,7 +22,7 @@ from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 CLOCK: Final = 5  # numbers of a packed `Timing`
-SOURCES: Final = ("physics", "rollouts.py", "execution/programs.py", "execution/layout.py")
+SOURCES: Final = ("rules.py", "physics", "rollouts.py", "execution/programs.py", "execution/layout.py")
 SPARE: Final = -2  # in a plan: this lane is over before it starts
 
 

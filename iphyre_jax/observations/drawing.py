@@ -16,7 +16,7 @@ from typing import Final
 import jax
 import jax.numpy as jnp
 
-SCREEN: Final = 600.0  # px, side of the scene that is shown
+from iphyre_jax.rules import SCREEN
 
 BALL: Final = (255, 0, 0)
 ELIMINABLE: Final = (164, 164, 164)

@@ -18,10 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, SCREEN, object_rows, scene_features
+from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, object_rows, scene_features
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
 
 NOTHING = -1  # a place without an object

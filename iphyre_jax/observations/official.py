@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
-SCREEN = 600.0  # px
 BLOCK_RADIUS = 10.0  # px
 OBSERVATION_SIZE = MAX_OBJECTS * COLUMNS + MAX_ELIMINABLE * 2
 

@@ -25,7 +25,6 @@ SPRING_REST: Final = 20.0  # px
 SPRING_STIFFNESS: Final = 1.0
 SPRING_DAMPING: Final = 0.3  # 1/s
 
-FLOOR: Final = 600.0  # px: the game is solved once every ball's centre is strictly below this line (y > 600)
 
 HASH_COEFFICIENT: Final = 3344921057  # multiplier of the reference's pair hash, modulo 2^64
 LEAF_TABLE_SIZES: Final = (5, 13, 23, 47, 97)  # buckets of the table that holds the moving shapes, as it grows

@@ -4,7 +4,7 @@ from iphyre_jax.scenes.builder import Part, SceneBuilder
 from iphyre_jax.scenes.codec import SCENE_SCHEMA, SCENE_VERSION, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.files import read_scene, write_scene
 from iphyre_jax.scenes.json_schema import scene_json_schema
-from iphyre_jax.scenes.library import GAMES, SPLITS, load_scene, load_scenes
+from iphyre_jax.scenes.library import GAMES, SPLITS, SceneLike, load_scene, load_scenes
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS, Limits
 from iphyre_jax.scenes.scene import Scene
 from iphyre_jax.scenes.variations import Variations, vary
@@ -20,6 +20,7 @@ __all__ = [
     "Part",
     "Scene",
     "SceneBuilder",
+    "SceneLike",
     "Variations",
     "load_scene",
     "load_scenes",

@@ -14,7 +14,8 @@ from dataclasses import asdict
 from difflib import get_close_matches
 from typing import Final
 
-from iphyre_jax.scenes.errors import one_line, refuse, show
+from iphyre_jax.checks import one_line, show
+from iphyre_jax.scenes.errors import refuse
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED
 from iphyre_jax.scenes.scene import Scene

@@ -3,14 +3,13 @@
 import json
 import os
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import NoReturn
 
+from iphyre_jax.checks import one_line
+from iphyre_jax.files import MAX_JSON_BYTES, parse_json, replace_text
 from iphyre_jax.scenes.codec import scene_from_dict, scene_to_dict
-from iphyre_jax.scenes.errors import one_line, show
-from iphyre_jax.scenes.limits import MAX_FILE_BYTES, Limits
+from iphyre_jax.scenes.limits import Limits
 from iphyre_jax.scenes.scene import Scene
-
-_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Scene:
@@ -42,67 +41,13 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    target = Path(path)
-    part = target.with_name(f"{target.name}.{os.getpid()}.part")
-    try:
-        part.write_text(scene_text(scene), encoding="utf-8")
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    replace_text(Path(path), scene_text(scene))
 
 
 def scene_text(scene: Scene) -> str:
     """Return the contents of a scene's file, a field a line."""
     fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
     return f"{{\n{fields}\n}}\n"
-
-
-def parse_json(content: bytes, source: str) -> object:
-    """Parse strict JSON: UTF-8 without byte order mark, no key twice in an object.
-
-    NaN and Infinity pass here, so that validation can name the field they stand in.
-
-    Args:
-        content: the bytes of the file.
-        source: the file that a message names.
-
-    Returns:
-        The parsed value.
-
-    Raises:
-        ValueError: it is not such JSON; one line.
-    """
-    name = one_line(source)
-
-    def object_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        found: dict[str, object] = {}
-        for key, value in pairs:
-            if key in found:
-                raise _RepeatedKeyError(f"{name}: {show(key)}: expected this field once, got it again")
-            found[key] = value
-        return found
-
-    if len(content) > MAX_FILE_BYTES:
-        raise ValueError(f"{name}: expected at most {MAX_FILE_BYTES} bytes, got more")
-    if content.startswith(_BYTE_ORDER_MARK):
-        raise ValueError(f"{name}: expected UTF-8 text without a byte order mark")
-    try:
-        return json.loads(content.decode("utf-8"), object_pairs_hook=object_once)
-    except _RepeatedKeyError:
-        raise
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{name}: expected UTF-8 text, got another byte at offset {error.start}") from None
-    except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise ValueError(f"{name}: expected JSON, got an error at {where}: {error.msg}") from None
-    except RecursionError:
-        raise ValueError(f"{name}: expected JSON of a few levels, got too many nested in each other") from None
-    except ValueError:  # an integer of more digits than Python converts
-        raise ValueError(f"{name}: expected numbers of ordinary length, got one of thousands of digits") from None
-
-
-class _RepeatedKeyError(ValueError):
-    """An object of the file has a key twice."""
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -114,7 +59,7 @@ def _read_bytes(path: Path) -> bytes:
         if path.exists() and not path.is_file():
             raise OSError(f"{name}: expected a scene file, got a device, pipe or socket")
         with path.open("rb") as file:
-            return file.read(MAX_FILE_BYTES + 1)
+            return file.read(MAX_JSON_BYTES + 1)
     except FileNotFoundError:
         raise FileNotFoundError(f"{name}: expected a scene file, but there is none") from None
     except OSError as error:

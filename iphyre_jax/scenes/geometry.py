@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.scenes.errors import one_line
+from iphyre_jax.checks import one_line
+from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
-FRAME: Final = 600.0  # px, side of the picture
-BAR_RADIUS: Final = 10.0  # px
 TOLERANCE: Final = 1e-6  # px; objects that lie on each other touch within rounding
 
 
@@ -55,7 +55,7 @@ def outside(layouts: Layouts) -> Floats:
     """Return how far each object sticks out of the picture, (B, N) px; 0 if it does not."""
     ends, radii = layouts.ends(), layouts.radii()[:, :, None]
     low = radii - ends.min(axis=2)
-    high = ends.max(axis=2) + radii - FRAME
+    high = ends.max(axis=2) + radii - SCREEN
     return np.maximum(np.maximum(low, high).max(axis=2), 0.0)
 
 

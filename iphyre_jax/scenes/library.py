@@ -10,9 +10,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, cast
 
+from iphyre_jax.checks import show
+from iphyre_jax.files import parse_json
 from iphyre_jax.scenes.codec import check_object, scene_from_fields
-from iphyre_jax.scenes.errors import show
-from iphyre_jax.scenes.files import parse_json, read_scene
+from iphyre_jax.scenes.files import read_scene
 from iphyre_jax.scenes.limits import Limits
 from iphyre_jax.scenes.scene import Scene
 
@@ -41,6 +42,9 @@ SPLITS: Final = _splits()
 GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen_basic" for game in games)
 """The names of the forty games, split by split."""
 
+SceneLike = str | os.PathLike[str] | Scene
+"""The name of a game, the path of a scene file, or a scene."""
+
 _ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
 
 
@@ -51,7 +55,7 @@ def _game(name: str) -> Scene:
     return scene_from_fields({"name": name, **games[name]}, f"{_LIBRARY}: {name}")
 
 
-def load_scene(scene: str | os.PathLike[str] | Scene, limits: Limits | None = None) -> Scene:
+def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
     """Load a game of the package or a scene file.
 
     Args:

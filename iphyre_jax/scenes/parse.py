@@ -9,7 +9,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from iphyre_jax.scenes.errors import one_line, show
+from iphyre_jax.checks import one_line, show
 from iphyre_jax.scenes.limits import MAX_COORDINATE, MAX_NAME, OFFICIAL, Limits
 
 Point = tuple[float, float]

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.scenes.errors import show
+from iphyre_jax.checks import show
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.validate import Labels, check_scene
 

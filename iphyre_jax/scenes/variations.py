@@ -14,7 +14,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.scenes.geometry import FRAME, TOLERANCE, Floats, Layouts, gaps, outside
+from iphyre_jax.checks import check_least, check_whole
+from iphyre_jax.rules import SCREEN
+from iphyre_jax.scenes.geometry import TOLERANCE, Floats, Layouts, gaps, outside
 from iphyre_jax.scenes.limits import MIN_LENGTH
 from iphyre_jax.scenes.scene import Scene
 
@@ -25,8 +27,8 @@ _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
 def mirror(layouts: Layouts, which: npt.NDArray[np.bool_]) -> Layouts:
     """Exchange left and right where `which`, (B,) bool, says so."""
     bars, balls = layouts.bars.copy(), layouts.balls.copy()
-    bars[which, ..., 0] = FRAME - bars[which, ..., 0]
-    balls[which, :, 0] = FRAME - balls[which, :, 0]
+    bars[which, ..., 0] = SCREEN - bars[which, ..., 0]
+    balls[which, :, 0] = SCREEN - balls[which, :, 0]
     return Layouts(bars, balls)
 
 
@@ -39,7 +41,7 @@ def shift(layouts: Layouts, by: Floats) -> Layouts:
 
 def scale(layouts: Layouts, by: Floats) -> Layouts:
     """Stretch all positions about the middle of the picture by factors (B,); radii stay, as bars have but one."""
-    balls, half = layouts.balls.copy(), FRAME / 2
+    balls, half = layouts.balls.copy(), SCREEN / 2
     balls[..., :2] = half + (balls[..., :2] - half) * by[:, None, None]
     return Layouts(half + (layouts.bars - half) * by[:, None, None, None], balls)
 
@@ -153,18 +155,16 @@ def _check(
     scene: Scene, count: int, seed: int, shift_px: float, scale_by: float, jitter_px: float, extra_blocks: int
 ) -> None:
     for name, whole, least in (("count", count, 1), ("seed", seed, 0), ("extra_blocks", extra_blocks, 0)):
-        if isinstance(whole, bool) or not isinstance(whole, int) or whole < least:
-            raise ValueError(f"{name}: expected a whole number of at least {least}, got {whole!r}")
+        check_whole(name, whole, least)
     for name, number, lowest in (("shift_px", shift_px, 0), ("scale_by", scale_by, 1), ("jitter_px", jitter_px, 0)):
-        if isinstance(number, bool) or not isinstance(number, int | float) or not lowest <= number < math.inf:
-            raise ValueError(f"{name}: expected a finite number of at least {lowest}, got {number!r}")
+        check_least(name, number, lowest)
     if extra_blocks > (most := scene.limits.objects - scene.n_objects):
         raise ValueError(f"extra_blocks: expected at most {most} for {scene.name}, got {extra_blocks}")
 
 
 def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
     """Draw blocks, (count, blocks, 2, 2) px: middle, length and angle uniform."""
-    middle = rng.uniform(0, FRAME, (count, blocks, 2))
+    middle = rng.uniform(0, SCREEN, (count, blocks, 2))
     size = rng.uniform(*_EXTRA_LENGTH, (count, blocks))
     angle = rng.uniform(0, math.pi, (count, blocks))
     half = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * (np.maximum(size, MIN_LENGTH) / 2)[..., None]

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from iphyre_jax.envs.core import Environment, Info
 from iphyre_jax.envs.in_advance import observation_table, play
 from iphyre_jax.envs.params import EnvParams, EnvState
-from iphyre_jax.envs.protocols import FRAMES, EpisodeProtocol
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.registry import environment_of
-from iphyre_jax.rules import episode_reward
+from iphyre_jax.rules import FRAMES, episode_reward
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
 from iphyre_jax.train.settings.run import TrainConfig
 

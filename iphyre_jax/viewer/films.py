@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import IO, Final, cast
@@ -13,7 +12,8 @@ from typing import IO, Final, cast
 import numpy as np
 from PIL import Image
 
-from iphyre_jax.scenes.errors import one_line
+from iphyre_jax.checks import one_line
+from iphyre_jax.files import replacing
 from iphyre_jax.viewer.frames import Frame, Look, Plays, frames, still
 from iphyre_jax.viewer.recording import Recording
 
@@ -49,7 +49,7 @@ def save(
     """
     target = _target(path, KINDS)
     fps = plays.fps if isinstance(plays, Recording) else plays[0].fps if plays else 1
-    with _part(target) as part:
+    with replacing(target) as part:
         if target.suffix.lower() == ".png":
             Image.fromarray(still(plays, look, titles, frame=frame)).save(part, optimize=True)
         elif target.suffix.lower() == ".gif":
@@ -70,7 +70,7 @@ def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
         ValueError: another ending, or no such folder.
         OSError: the file cannot be written.
     """
-    with _part(_target(path, KINDS[:1])) as part:
+    with replacing(_target(path, KINDS[:1])) as part:
         Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(part, optimize=True)
 
 
@@ -82,17 +82,6 @@ def _target(path: str | os.PathLike[str], kinds: Sequence[str]) -> Path:
     if not target.parent.is_dir():
         raise ValueError(f"{target}: expected a file in a folder that exists")
     return target
-
-
-@contextmanager
-def _part(target: Path) -> Iterator[Path]:
-    """Give the name of a file beside the target, which takes its place when all has gone well."""
-    part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
-    try:
-        yield part
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _gif_step(fps: int) -> int:

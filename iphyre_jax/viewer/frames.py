@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from iphyre_jax.scenes.errors import one_line
+from iphyre_jax.checks import check_whole, one_line
 from iphyre_jax.viewer.painter import FINE, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme
@@ -52,8 +52,7 @@ class Look:
     def __post_init__(self) -> None:
         """Check the arguments."""
         theme(self.theme)
-        if isinstance(self.size, bool) or not isinstance(self.size, int) or not MIN_SIZE <= self.size <= MAX_SIZE:
-            raise ValueError(f"size: expected a whole number of px from {MIN_SIZE} to {MAX_SIZE}, got {self.size!r}")
+        check_whole("size", self.size, MIN_SIZE, MAX_SIZE, "px")
         for name in ("fade", "trail_seconds"):
             if not 0 <= getattr(self, name) <= MAX_SECONDS:
                 raise ValueError(f"{name}: expected seconds from 0 to {MAX_SECONDS}, got {getattr(self, name)!r}")

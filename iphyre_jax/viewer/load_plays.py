@@ -8,9 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+from iphyre_jax.checks import one_line, show
+from iphyre_jax.files import parse_json
 from iphyre_jax.scenes import load_scene
-from iphyre_jax.scenes.errors import one_line, show
-from iphyre_jax.scenes.files import parse_json
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
 

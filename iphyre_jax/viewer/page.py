@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 import iphyre_jax
+from iphyre_jax.files import replace_bytes
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.pack import pack_play, pack_scene
@@ -95,12 +96,6 @@ def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: 
     page = replay_page([(play.agent, recording) for play, recording in recordings], title=title).encode()
     if len(page) > MAX_BYTES:
         raise ValueError(f"{path}: expected a page of at most {MAX_BYTES} bytes, got {len(page)}; show fewer plays")
-    target = Path(path)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(page)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    replace_bytes(Path(path), page)
     changed = ((play, play.differs(recording)) for play, recording in recordings)
     return [f"{play.agent}, {play.scene.name}: the file says {text}" for play, text in changed if text]

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from iphyre_jax.observations import drawing
 from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.themes import Colour, Theme
 
@@ -60,7 +61,7 @@ class Painter:
     def __post_init__(self) -> None:
         """Note what does not change from frame to frame."""
         scene, theme = self.scene, self.theme
-        self._scale = self.size * FINE / drawing.SCREEN
+        self._scale = self.size * FINE / SCREEN
         centres = (scene.blocks[:, :1] + scene.blocks[:, 1:]) / 2
         self._arms = scene.blocks - centres  # (n_blocks, 2, 2) px, end points about the centre at angle 0
         kinds = zip(scene.eliminable[: scene.n_blocks], scene.dynamic[: scene.n_blocks], strict=True)
@@ -110,7 +111,7 @@ class Painter:
             image = Image.new("RGB", (side, side), self.theme.background)
             pen = ImageDraw.Draw(image)
             if self.theme.outlined:
-                for at in range(GRID, int(drawing.SCREEN), GRID):
+                for at in range(GRID, int(SCREEN), GRID):
                     place = at * self._scale
                     pen.line([(place, 0), (place, side)], self.theme.grid, FINE)
                     pen.line([(0, place), (side, place)], self.theme.grid, FINE)
@@ -123,7 +124,7 @@ class Painter:
 
     def _at(self, x: float, y: float) -> Point:
         """Return where a point of the scene is in the large picture; (0, 0) is the middle of the first pixel."""
-        shift = 0.5 * self.size * FINE / drawing.SCREEN - 0.5
+        shift = 0.5 * self.size * FINE / SCREEN - 0.5
         return float(x) * self._scale + shift, float(y) * self._scale + shift
 
     def _bar(self, pen: ImageDraw.ImageDraw, block: int, pose: Floats, share: float = 1.0) -> None:

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from iphyre_jax.rules import whole_fps
+from iphyre_jax.checks import one_line, show, whole_fps
+from iphyre_jax.files import parse_json
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.codec import check_object
-from iphyre_jax.scenes.errors import one_line, refuse, show
-from iphyre_jax.scenes.files import parse_json
+from iphyre_jax.scenes.errors import refuse
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.recording import Recording, record
 

@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax import rollouts
+from iphyre_jax.checks import check_dtype, check_whole, whole_fps
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.physics import contacts, shapes
 from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.plans import NEVER, TIME_LIMIT
-from iphyre_jax.rules import episode_reward, whole_fps
+from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
@@ -144,11 +144,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         ValueError: one line that names the argument and what was expected.
     """
     rate, steps = whole_fps(fps), _whole_plan(scene, plan)
-    if dtype not in ("float32", "float64"):
-        raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
-    if isinstance(resets, bool) or not isinstance(resets, int | np.integer) or resets < 1:
-        raise ValueError(f"resets: expected a whole number of at least 1, got {resets!r}")
-    topology, world = cached_world(scene, int(resets), dtype)
+    topology, world = cached_world(scene, check_whole("resets", resets), check_dtype(dtype))
     length = int(TIME_LIMIT * rate)
     if length > (limit := max_steps(topology)):
         raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.plans import NEVER
+from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene
 from iphyre_jax.simulation import simulate
 from iphyre_jax.viewer.recording import Recording, record

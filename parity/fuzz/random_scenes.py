@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes.compile import STATIC_PLACES
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
 from iphyre_jax.scenes.scene import Scene
 
-FRAME: Final = 600.0  # px, side of the picture
 RADIUS: Final = 10.0  # px, of every bar
 STATIC: Final = -1  # the end of a link that a static bar holds
 SEED: Final = 0
@@ -91,7 +91,7 @@ class Body:
 
     def mirrored(self) -> Body:
         """The same body on the other side of the picture's middle."""
-        return Body((FRAME - self.a[0], self.a[1]), (FRAME - self.b[0], self.b[1]), self.radius)
+        return Body((SCREEN - self.a[0], self.a[1]), (SCREEN - self.b[0], self.b[1]), self.radius)
 
 
 @dataclass
@@ -218,12 +218,12 @@ def _placed(sketch: _Sketch, body: Body, places: tuple[tuple[float, Callable[...
 
 
 def _anywhere(sketch: _Sketch, body: Body, _: Body | None = None) -> Body:
-    return body.moved(sketch.uniform(0, FRAME), sketch.uniform(0, FRAME))
+    return body.moved(sketch.uniform(0, SCREEN), sketch.uniform(0, SCREEN))
 
 
 def _far_up(sketch: _Sketch, body: Body, _: Body) -> Body:
     """So high that it falls through bars: from 6000 px it arrives with 1100 px/s."""
-    return body.moved(sketch.uniform(0, FRAME), sketch.uniform(-6000, -300))
+    return body.moved(sketch.uniform(0, SCREEN), sketch.uniform(-6000, -300))
 
 
 def _overlapping(sketch: _Sketch, body: Body, other: Body) -> Body:
@@ -235,7 +235,7 @@ def _mirrored(sketch: _Sketch, body: Body, other: Body) -> Body:
     """As the other one's image, if it is of the same kind; else in the exact middle of the picture."""
     if (other.a == other.b) == (body.a == body.b):
         return other.mirrored()
-    return body.moved(FRAME / 2, other.middle[1] - sketch.uniform(0, 200))
+    return body.moved(SCREEN / 2, other.middle[1] - sketch.uniform(0, 200))
 
 
 def _beside(sketch: _Sketch, body: Body, other: Body) -> Body:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.rules import SCREEN
 
 Values = NDArray[np.floating]
 
 LOW, HIGH = -14.0, 4.0  # powers of ten, px, of the error charts; exact zero lies on the lower edge
 DECADES = (-12, -9, -6, -3, 0, 3)
-FRAME = 600.0  # px
 
 
 def log_height(errors: Values) -> NDArray[np.float64]:
@@ -117,7 +117,7 @@ def trajectories(scene: Scene, reference: Values, ours: Values) -> str:
         One SVG element.
     """
     parts = ['<svg class="scene" viewBox="-20 -20 640 640" role="img" aria-label="two plays of one plan">']
-    parts.append(f'<rect class="frame" width="{FRAME:g}" height="{FRAME:g}"/>')
+    parts.append(f'<rect class="frame" width="{SCREEN:g}" height="{SCREEN:g}"/>')
     for index in range(scene.n_objects):
         kind = "mover" if scene.dynamic[index] else "grey" if scene.eliminable[index] else "black"
         if index < scene.n_blocks:
@@ -130,6 +130,6 @@ def trajectories(scene: Scene, reference: Values, ours: Values) -> str:
     for index in np.flatnonzero(scene.dynamic).tolist():
         for poses, kind in ((reference, "theirs"), (ours, "mine")):
             x, y = poses[:, index, 0], poses[:, index, 1]
-            near = (np.abs(x - FRAME / 2) < FRAME) & (y > -FRAME / 2) & (y < 1.2 * FRAME)
+            near = (np.abs(x - SCREEN / 2) < SCREEN) & (y > -SCREEN / 2) & (y < 1.2 * SCREEN)
             parts.append(path(np.where(near, x, np.nan), np.where(near, y, np.nan), kind))
     return "".join([*parts, "</svg>"])

@@ -9,7 +9,8 @@ import numpy as np
 
 import iphyre_jax
 from iphyre_jax.cli.viewer import seconds_of
-from iphyre_jax.plans import TIME_LIMIT, plan_to_steps
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.viewer.films import save
 from iphyre_jax.viewer.frames import Look
 from iphyre_jax.viewer.recording import Recording, record

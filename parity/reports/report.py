@@ -4,14 +4,12 @@ import json
 import math
 import os
 import platform
-import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from iphyre_jax.provenance import CORE, processor, source_commit, versions
 from parity.divergences import Astray
 from parity.engines import reference
 from parity.play import GameResult
@@ -53,38 +51,13 @@ def _inline(value: object) -> str:
 
 def circumstances(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What a reader needs to repeat the run: versions, machine, commit and arguments."""
-    names = ("jax", "jaxlib", "numpy")
     return {
-        "versions": {
-            "python": platform.python_version(),
-            "pymunk": reference.VERSION,
-            **{n: version(n) for n in names},
-        },
-        "machine": {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count()},
+        "versions": {**versions(CORE), "pymunk": reference.VERSION},
+        "machine": {"system": platform.platform(), "processor": processor(), "cores": os.cpu_count()},
         "xla flags": os.environ.get("XLA_FLAGS", "none"),
-        "commit": _commit(),
+        "commit": source_commit() or "unknown",
         "arguments": dict(arguments),
     }
-
-
-def _processor() -> str:
-    """The processor's name, which `platform` does not know on Linux."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or "unknown"
-
-
-def _commit() -> str:
-    """The checked-out commit, marked where tracked files differ from it; "unknown" outside a repository."""
-    git = shutil.which("git")
-    if git is None:
-        return "unknown"
-    command = [git, "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own fixed words
-    return done.stdout.strip() or "unknown"
 
 
 def as_json(made: Sequence[Section], results: Sequence[GameResult], around: Mapping[str, Any]) -> str:

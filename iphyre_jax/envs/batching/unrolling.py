@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import check_whole
 from iphyre_jax.envs.core import NO_GAME, Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
 
@@ -113,8 +114,7 @@ def unroll(
         ValueError: decisions is no whole number of at least 1, or a float64 environment meets a JAX without x64; one
             line.
     """
-    if isinstance(decisions, bool) or not isinstance(decisions, int) or decisions < 1:
-        raise ValueError(f"decisions: expected a whole number of at least 1, got {decisions!r}")
+    check_whole("decisions", decisions)
     environment.check_dtype()
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)

@@ -18,7 +18,7 @@ from typing import ClassVar, Final, Literal, Protocol
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.plans import DECISIONS_PER_SECOND, TIME_LIMIT
+from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE
 
 HeadName = Literal["slots", "gaussian", "squashed", "point", "categorical", "even"]

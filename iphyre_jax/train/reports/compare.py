@@ -15,7 +15,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from iphyre_jax.envs.in_advance import OFFICIAL_FPS
+from iphyre_jax.files import read_json_object
+from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.evaluate import SCHEMA, VERSION
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, agent_name, markdown_table, paper_name, paper_numbers
@@ -72,7 +73,7 @@ def read(path: Path) -> Evaluated:
     config, file = runs.read_config(path), path / runs.EVALUATION
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
-    content = runs.read_json(file)
+    content = read_json_object(file)
     if content.get("schema") != SCHEMA or content.get("version") != VERSION:
         raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
     return Evaluated(path, config, {game["game"]: game for game in content["games"]})

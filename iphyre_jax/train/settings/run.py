@@ -9,9 +9,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.envs.in_advance import OFFICIAL_FPS, OFFICIAL_RESETS
+from iphyre_jax.checks import whole_fps
 from iphyre_jax.envs.strategies import StrategyName
-from iphyre_jax.rules import whole_fps
+from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.distributions import HeadName

@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import importlib
 import io
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from iphyre_jax.files import replace_text
 from iphyre_jax.train.trainer import Line
 
 FILE: Final = "metrics.csv"
@@ -82,18 +82,3 @@ def _board(folder: Path, update: int) -> Any:  # noqa: ANN401 - tensorboardX has
             "tensorboard: expected the extra 'tensorboard': pip install 'iphyre-jax[tensorboard]'"
         ) from None
     return tensorboard.SummaryWriter(str(folder), purge_step=update + 1)
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a file in place of an older one, so that it is whole at any moment."""
-    replace_bytes(path, text.encode())
-
-
-def replace_bytes(path: Path, content: bytes) -> None:
-    """Write a file in place of an older one, so that it is whole at any moment."""
-    new = path.with_name(f".{path.name}")
-    with new.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)

@@ -25,13 +25,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.files import read_json_object, replace_bytes, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algos.registry import State, algorithm, init
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import agent_name
 from iphyre_jax.train.settings.run import TrainConfig, config_from_json
-from iphyre_jax.train.storage.logs import replace_bytes, replace_text
 
 SCHEMA: Final = "iphyre_jax/pretrained"
 VERSION: Final = 1
@@ -138,11 +138,8 @@ def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:
 
 def _described(file: Path) -> dict[str, Any]:
     """What NAME.json says."""
-    try:
-        content = json.loads(file.read_text("utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{file}: not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA or content.get("version") != VERSION:
+    content = read_json_object(file)
+    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
         raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}')
     for key in ("settings", "sha256", "origin", "scores"):
         if key not in content:

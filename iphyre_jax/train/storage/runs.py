@@ -14,12 +14,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import agent_name, markdown
 from iphyre_jax.train.settings.run import TrainConfig, config_from_json
 from iphyre_jax.train.storage import checkpoint
-from iphyre_jax.train.storage.logs import replace_text
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
@@ -65,7 +65,7 @@ def read_config(path: Path) -> TrainConfig:
     file = path / CONFIG
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not a run folder, there is no {CONFIG}")
-    content = read_json(file)
+    content = read_json_object(file)
     if content.get("schema") != SCHEMA:
         raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
     if content.get("version") != VERSION:
@@ -99,21 +99,6 @@ def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, ro
     content = {"agent": agent_name(config), "settings": config.to_json(), **facts, **evaluation.to_json()}
     replace_text(path / "evaluation.md", markdown(evaluation, config, facts))
     _write_json(path / EVALUATION, content)
-
-
-def read_json(file: Path) -> dict[str, Any]:
-    """An object from a JSON file.
-
-    Raises:
-        ValueError: one line naming the file.
-    """
-    try:
-        content = json.loads(file.read_text("utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{file}: not JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise ValueError(f"{file}: expected an object, got {type(content).__name__}")
-    return content
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

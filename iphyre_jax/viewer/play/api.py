@@ -7,10 +7,12 @@ from threading import Lock
 from typing import Any, Final
 
 import iphyre_jax
-from iphyre_jax.plans import NEVER, TIME_LIMIT
+from iphyre_jax.checks import show
+from iphyre_jax.files import parse_json
+from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict
-from iphyre_jax.scenes.errors import refuse, show
-from iphyre_jax.scenes.files import parse_json, scene_text
+from iphyre_jax.scenes.errors import refuse
+from iphyre_jax.scenes.files import scene_text
 from iphyre_jax.scenes.geometry import remarks
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.figures import figures, figures_of

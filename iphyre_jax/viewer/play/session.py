@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import platform
 from collections import defaultdict
 from dataclasses import dataclass, field
 from datetime import datetime
-from importlib import metadata
 from pathlib import Path
 from threading import Lock
 from typing import Final
 
-import jax
-
-import iphyre_jax
+from iphyre_jax.provenance import CORE, device, versions
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.plays import MAX_PLAYS, Play, append_play, play_to_json, result_of
@@ -100,10 +96,8 @@ def _standing(series: _Series, limit: int) -> dict[str, object]:
 
 def _facts() -> dict[str, object]:
     """Return what a line says about how it came to be."""
-    versions = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
-    device = jax.devices()[0]
     return {
         "when": datetime.now().astimezone().isoformat(timespec="seconds"),
-        "versions": {"iphyre_jax": iphyre_jax.__version__, "python": platform.python_version(), **versions},
-        "device": f"{device.platform}: {device.device_kind}",
+        "versions": versions(CORE),
+        "device": device(),
     }
