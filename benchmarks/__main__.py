@@ -22,6 +22,7 @@ from benchmarks.report import Results
 from benchmarks.worker_pool import GAME_FACTOR, Crew
 from benchmarks.workload import make_work
 from iphyre_jax.execution.configuration import usable_cores
+from iphyre_jax.files import replace_text
 
 REPORT_WIDTH = 130  # columns, where the output is not a terminal
 LEAST_SECONDS = 0.3  # of a turn
@@ -172,15 +173,15 @@ def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Re
 def save_json(results: Results, folder: Path) -> Path:
     """Write the JSON, in one move."""
     folder.mkdir(parents=True, exist_ok=True)
-    file, draft = folder / "benchmarks.json", folder / "benchmarks.json.draft"
-    draft.write_text(report.as_json(results), encoding="utf-8")
-    return draft.replace(file)
+    file = folder / "benchmarks.json"
+    replace_text(file, report.as_json(results))
+    return file
 
 
 def save(results: Results, folder: Path) -> list[Path]:
     """Write the JSON and the pictures; return what was written."""
     file = save_json(results, folder)
-    drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling_batch.png")]
+    drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling.png")]
     return [file, *(picture for draw, picture in drawn if draw(results, picture))]
 
 

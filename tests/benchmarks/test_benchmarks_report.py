@@ -79,7 +79,7 @@ def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
     assert [file.name for file in command.save(results, tmp_path)] == [
         "benchmarks.json",
         "engines.png",
-        "scaling_batch.png",
+        "scaling.png",
     ]
     assert (tmp_path / "engines.png").read_bytes().startswith(b"\x89PNG")
     nothing = report.Results({})
