@@ -83,7 +83,7 @@ class Options:
 
 
 class Log:
-    """Shows one progress bar for each part and saves every result at once, so that a killed run keeps its results."""
+    """One progress bar for each part; every result is saved at once, so that a killed run keeps its results."""
 
     def __init__(self, progress: Progress, results: Results, folder: Path) -> None:
         self.progress, self.results, self.folder = progress, results, folder

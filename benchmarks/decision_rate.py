@@ -67,5 +67,5 @@ def measure_decisions(
             ran = subprocess.run(command, env=env, text=True, stdout=subprocess.PIPE, check=False)  # noqa: S603
             if ran.returncode:
                 raise RuntimeError(f"decisions in {', '.join(games)}: the process ended with {ran.returncode}")
-            found = json.loads(ran.stdout.splitlines()[-1])
-            done([DecisionRate(games[0] if len(games) == 1 else MIXED, rate, WORLDS, **found)])
+            measured = json.loads(ran.stdout.splitlines()[-1])
+            done([DecisionRate(games[0] if len(games) == 1 else MIXED, rate, WORLDS, **measured)])

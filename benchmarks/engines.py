@@ -38,8 +38,8 @@ def engines(cores: int, plans_per_game: int, without: Sequence[str]) -> tuple[li
     def pymunk(name: str, mode: str) -> Engine:
         return Engine(name, (sys.executable, "-m", "benchmarks.workers.bare_pymunk", mode), cores, share(16))
 
-    found = [pymunk(STEPPING, "stepping"), pymunk(EPISODES, "episodes")]
-    found += [ours(dtype, cores, share(1)) for dtype in ("float32", "float64")]
+    available = [pymunk(STEPPING, "stepping"), pymunk(EPISODES, "episodes")]
+    available += [ours(dtype, cores, share(1)) for dtype in ("float32", "float64")]
     problems = []
     for part, name, module, rows, per_game in (
         ("official", OFFICIAL, "official", share(256), True),
@@ -49,7 +49,7 @@ def engines(cores: int, plans_per_game: int, without: Sequence[str]) -> tuple[li
             continue
         try:
             command = str(python_of(part)), "-m", f"benchmarks.workers.{module}"
-            found.append(Engine(name, command, cores, rows, per_game))
+            available.append(Engine(name, command, cores, rows, per_game))
         except RuntimeError as error:
             problems.append(f"{name} is not measured: {error}")
-    return found, problems
+    return available, problems

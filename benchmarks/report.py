@@ -145,19 +145,19 @@ def show(results: Results, console: Console) -> None:
 
 def table(title: str, *columns: str) -> Table:
     """An empty table whose first column is text."""
-    made = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), min_width=len(title))
+    grid = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), min_width=len(title))
     for k, column in enumerate(columns):
-        made.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
-    return made
+        grid.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
+    return grid
 
 
 def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
     """All engines on the mixture of games."""
     title = f"Games mixed, {fps} fps: million steps a second"
-    made = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
+    grid = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
     base = mixture.get(STEPPING)
     for name, one in mixture.items():
-        made.add_row(
+        grid.add_row(
             name,
             millions(one.rate),
             f"{millions(min(one.rates))} - {millions(max(one.rates))}",
@@ -167,7 +167,7 @@ def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
             f"{one.compile_seconds:.1f}",
             str(one.episodes),
         )
-    return made
+    return grid
 
 
 def game_table(results: Results, games: Sequence[str], fps: int) -> Table:
@@ -175,53 +175,53 @@ def game_table(results: Results, games: Sequence[str], fps: int) -> Table:
     names = list(dict.fromkeys(name for game in games for name in results.by_engine(game, fps)))
     ours = [name for name in names if name.startswith("iphyre_jax")]
     ratios = [f"{name.removeprefix('iphyre_jax ')} x pymunk" for name in ours]
-    made = table(f"Game by game, {fps} fps: million steps a second", "game", "moving", *names, *ratios)
+    grid = table(f"Game by game, {fps} fps: million steps a second", "game", "moving", *names, *ratios)
     for game in games:
         found = results.by_engine(game, fps)
         cells = [millions(found[name].rate) if name in found else "-" for name in names]
         times = [f"{ratio(found[n], found[STEPPING]):.3g}" if {n, STEPPING} <= found.keys() else "-" for n in ours]
-        made.add_row(game, str(int(iphyre_jax.load_scene(game).dynamic.sum())), *cells, *times)
-    return made
+        grid.add_row(game, str(int(iphyre_jax.load_scene(game).dynamic.sum())), *cells, *times)
+    return grid
 
 
 def startup_table(startups: Sequence[Startup]) -> Table:
     """Seconds from the start of a process to its first result."""
     title = f"Seconds from process start to the first result, float32, {startups[0].batch} worlds"
-    made = table(title, "games", "moving", "empty cache", "CPU s", "warm cache", "CPU s")
+    grid = table(title, "games", "moving", "empty cache", "CPU s", "warm cache", "CPU s")
     for one in startups:
         pairs = zip((one.empty, one.warm), one.processor, strict=True)
-        made.add_row(one.workload, str(one.moving), *(f"{seconds:.1f}" for pair in pairs for seconds in pair))
-    return made
+        grid.add_row(one.workload, str(one.moving), *(f"{seconds:.1f}" for pair in pairs for seconds in pair))
+    return grid
 
 
 def size_table(scaling_size: Sequence[SizeScaling]) -> Table:
     """The cost of a step as scenes and episodes grow."""
-    made = table(
+    grid = table(
         "Balls at rest on fixed bars, 10 fps, float32", "grows", "size", "million steps a second", "CPU ns a step"
     )
     for one in scaling_size:
-        made.add_row(one.what, str(one.size), millions(one.measured.rate), f"{1e9 * one.measured.step_cost:.3g}")
-    return made
+        grid.add_row(one.what, str(one.size), millions(one.measured.rate), f"{1e9 * one.measured.step_cost:.3g}")
+    return grid
 
 
 def batch_table(scaling_batch: Sequence[BatchScaling]) -> Table:
     """Steps a second by batch and players, as multiples of the first players' too, and the last players' memory."""
     first, *others = dict.fromkeys(one.players for one in scaling_batch)
     heads = [head for name in others for head in (name, f"x {first}")]
-    made = table("Games mixed, 10 fps, float32: million steps a second", "batch", first, *heads, "CPU ns a step", "MB")
+    grid = table("Games mixed, 10 fps, float32: million steps a second", "batch", first, *heads, "CPU ns a step", "MB")
     for batch in dict.fromkeys(one.batch for one in scaling_batch):
         by = {one.players: one.measured for one in scaling_batch if one.batch == batch}
         cells = [cell for n in others for cell in (millions(by[n].rate), f"{ratio(by[n], by[first]):.2f}")]
         last = by[(first, *others)[-1]]
-        made.add_row(
+        grid.add_row(
             str(batch), millions(by[first].rate), *cells, f"{1e9 * last.step_cost:.3g}", f"{last.memory / 1e6:.0f}"
         )
-    return made
+    return grid
 
 
 def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
     """Bytes that a world carries from step to step; games of equal size share a row."""
-    made = table("Carried state, bytes a world", "float32", "float64", "moving", "objects", "games")
+    grid = table("Carried state, bytes a world", "float32", "float64", "moving", "objects", "games")
     layouts: dict[tuple[int, int, int], list[str]] = {}
     for game, by in sizes.items():
         moving = int(iphyre_jax.load_scene(game).dynamic.sum())
@@ -229,9 +229,9 @@ def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
     for (single, double, moving), games in sorted(layouts.items()):
         objects = [iphyre_jax.load_scene(game).n_objects for game in games]
         span = f"{min(objects)} - {max(objects)}" if min(objects) < max(objects) else str(objects[0])
-        made.add_row(str(single), str(double), str(moving), span, ", ".join(games))
-    made.columns[-1].justify = "left"
-    return made
+        grid.add_row(str(single), str(double), str(moving), span, ", ".join(games))
+    grid.columns[-1].justify = "left"
+    return grid
 
 
 def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
@@ -240,7 +240,7 @@ def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
         "simulate",
         *(f"{what} {clock}" for what in ("scan", "reads", "keeps") for clock in ("M/s", "wall", "cpu")),
     ]
-    made = table(
+    grid = table(
         f"On the fly, {fps} fps, float32: env.step in a scan; unroll that reads, or also keeps, observations",
         "games",
         *heads,
@@ -253,14 +253,14 @@ def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
             for name in ("scan", "reads", "keeps")
             for cell in (millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}", f"{one.share(name, 1):.2f}")
         ]
-        made.add_row(
+        grid.add_row(
             one.workload,
             millions(one.rate("simulate", 0)),
             *cells,
             f"{100 * one.same_steps:.1f} %",
             f"{one.compiled:.1f}",
         )
-    return made
+    return grid
 
 
 def millions(rate: float) -> str:

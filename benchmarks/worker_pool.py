@@ -157,5 +157,5 @@ class WorkerPool:
             self._errors.seek(0)
             last = self._errors.read().strip().splitlines()[-1:] or ["no message"]
             raise RuntimeError(f"{self.engine.name}: a worker ended: {last[0]}")
-        found: dict[str, Any] = json.loads(line)
-        return found
+        answer: dict[str, Any] = json.loads(line)
+        return answer

@@ -117,15 +117,15 @@ def tasks_of(options: Options) -> list[Task]:
 def compare(options: Options, console: Console) -> list[GameResult]:
     """Run the comparison and show its progress; return the results in the order of the games."""
     tasks = tasks_of(options)
-    found: dict[str, list[GameResult]] = {}
+    by_scene: dict[str, list[GameResult]] = {}
     with progress_bar(console) as progress:
         bar = progress.add_task("games", total=len(scenes(options)))
         for index, results in compare_games(tasks, min(options.workers, len(tasks))):
             each = len(results) // len(tasks[index].scenes)
             for place, name in enumerate(tasks[index].scenes):
-                found[str(name)] = results[each * place : each * (place + 1)]
+                by_scene[str(name)] = results[each * place : each * (place + 1)]
             progress.update(bar, advance=len(tasks[index].scenes), description=results[-1].game)
-    return [result for name in scenes(options) for result in found[name]]
+    return [result for name in scenes(options) for result in by_scene[name]]
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,15 +1,11 @@
 """What the commands of `parity` and `benchmarks` share: checks of options, consoles, progress bars."""
 
 import sys
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 REPORT_WIDTH = 130  # columns
 
@@ -25,9 +21,9 @@ def require_at_least(options: object, **least: int) -> None:
             raise ValueError(f"--{name}: expected an integer of at least {value}, got {getattr(options, name)}")
 
 
-def options_as_json(options: "DataclassInstance") -> dict[str, Any]:
+def options_as_json(options: object) -> dict[str, Any]:
     """Options by name, as JSON takes them."""
-    return {name: _plain(value) for name, value in asdict(options).items()}
+    return {name: _plain(value) for name, value in vars(options).items()}
 
 
 def _plain(value: object) -> object:

@@ -83,9 +83,9 @@ def explain(
         The description.
     """
     c, row = comparison, eliminate_at[plan]
-    found: list[Divergence | None] = [None, None]
+    first: list[Divergence | None] = [None, None]
     if traced and dtype == "float64" and not c.fault[plan]:
-        found = [first_divergence(scene, row, fps=fps, steps=steps, resets=resets, exact=e) for e in (True, False)]
+        first = [first_divergence(scene, row, fps=fps, steps=steps, resets=resets, exact=e) for e in (True, False)]
     return DivergedPlan(
         game=scene.name,
         fps=fps,
@@ -96,6 +96,6 @@ def explain(
         reference=(bool(c.reference_success[plan]), int(c.reference_steps[plan])),
         ours=(bool(c.success[plan]), int(c.steps[plan])),
         fault=int(c.fault[plan]),
-        first_bit=found[0],
-        first_stage=found[1],
+        first_bit=first[0],
+        first_stage=first[1],
     )

@@ -83,7 +83,7 @@ def read(scene: Scene, folder: Path = FOLDER) -> list[Golden]:
     Raises:
         OSError: the file is missing or cannot be read.
     """
-    found = []
+    recorded = []
     with np.load(folder / f"{scene.name}.npz", allow_pickle=False) as file:
         for fps, every in EVERY.items():
             plans, success, steps, eliminations, poses = (
@@ -93,8 +93,8 @@ def read(scene: Scene, folder: Path = FOLDER) -> list[Golden]:
                 Trajectory(bool(solved), int(end), int(removed), _samples(scene, plan, int(end), every, moving))
                 for plan, solved, end, removed, moving in zip(plans, success, steps, eliminations, poses, strict=True)
             ]
-            found.append(Golden(fps, plans, plays))
-    return found
+            recorded.append(Golden(fps, plans, plays))
+    return recorded
 
 
 def _samples(

@@ -128,11 +128,11 @@ def play_ours(
     which = np.repeat(np.arange(len(scenes)), [len(rows) for rows in plans])
     width = max(rows.shape[1] for rows in plans)
     table = np.concatenate([np.pad(rows, ((0, 0), (0, width - rows.shape[1])), constant_values=-1) for rows in plans])
-    given = {"fps": fps, "duration": task.duration, "dtype": dtype, "sample_every": 1, "resets": task.resets}
-    played = iphyre_jax.simulate_many(scenes, which, table, **given)  # type: ignore[arg-type]  # one dict of both kinds
+    options = {"fps": fps, "duration": task.duration, "dtype": dtype, "sample_every": 1, "resets": task.resets}
+    results = iphyre_jax.simulate_many(scenes, which, table, **options)  # type: ignore[arg-type]  # values of several types
     for index, scene in enumerate(scenes):
         rows = which == index
-        fields = {name: value[rows] for name, value in vars(played).items()}
+        fields = {name: value[rows] for name, value in vars(results).items()}
         yield Simulation(**fields | {"samples": fields["samples"][:, :, : scene.n_objects]})
 
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from benchmarks.workers.protocol import EpisodeResults, Job, removed_before, reward, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, serve, with_rewards
 from iphyre_jax.scenes import scene_from_dict
 from parity.engines.reference import ReferenceWorld, schedule
 
@@ -47,51 +47,45 @@ class BarePymunk:
 
     def play(self) -> None:
         """Play all plans; the first play checks for success after each step in both modes."""
+        dt = 1.0 / self.job.fps
         if self.lengths and self.mode == "stepping":
-            arguments = zip(self.worlds, self.due, self.lengths, self._dt(), strict=True)
-            self.success = [_step_through(*each) for each in arguments]
+            episodes = zip(self.worlds, self.due, self.lengths, strict=True)
+            self.success = [_step_through(*episode, dt) for episode in episodes]
             return
         played = [
             _episode(ReferenceWorld(scene), due, self.job.steps, dt)
-            for scene, due, dt in zip(self.scenes, self.due, self._dt(), strict=True)
+            for scene, due in zip(self.scenes, self.due, strict=True)
         ]
         self.lengths, self.success = [length for length, _ in played], [success for _, success in played]
 
-    def _dt(self) -> list[float]:
-        return [1.0 / self.job.fps] * len(self.scenes)
-
     def results(self) -> EpisodeResults:
         """Lengths, success, and the rewards computed from them."""
-        rewards = [
-            reward(success, removed_before(plan, length), length, self.job.fps)
-            for success, length, plan in zip(self.success, self.lengths, self.job.plans, strict=True)
-        ]
-        return EpisodeResults(self.lengths, self.success, rewards)
+        return with_rewards(self.job, self.lengths, self.success)
 
 
 def _step_through(world: ReferenceWorld, due: dict[int, list[int]], length: int, dt: float) -> bool:
     """Make a known number of steps and return whether the game is solved."""
-    step, made = world.space.step, 0
+    step, count = world.space.step, 0
     for at in sorted(at for at in due if at < length):
-        for _ in range(made, at):
+        for _ in range(count, at):
             step(dt)
         for index in due[at]:
             world.eliminate(index)
-        made = at
-    for _ in range(made, length):
+        count = at
+    for _ in range(count, length):
         step(dt)
     return world.solved()
 
 
 def _episode(world: ReferenceWorld, due: dict[int, list[int]], limit: int, dt: float) -> tuple[int, bool]:
-    """Step until the game is solved or the limit is reached; return the steps made and the success."""
+    """Step until the game is solved or the limit is reached; return the number of steps and the success."""
     step, solved = world.space.step, world.solved
-    for made in range(limit):
-        for index in due.get(made, ()):
+    for count in range(limit):
+        for index in due.get(count, ()):
             world.eliminate(index)
         step(dt)
         if solved():
-            return made + 1, True
+            return count + 1, True
     return limit, False
 
 

@@ -15,7 +15,7 @@ from jax2d.engine import PhysicsEngine
 from jax2d.sim_state import SimParams, SimState
 
 from benchmarks.workers.jax2d_scenes import bars, places, room_for, state_of
-from benchmarks.workers.protocol import EpisodeResults, Job, removed_before, reward, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, serve, with_rewards
 
 
 class Jax2D:
@@ -56,12 +56,7 @@ class Jax2D:
     def results(self) -> EpisodeResults:
         """Steps, success, and the rewards computed from them."""
         steps, success = (values.tolist() for values in self.played)
-        fps = self.job.fps
-        rewards = [
-            reward(solved, removed_before(plan, made), made, fps)
-            for solved, made, plan in zip(success, steps, self.job.plans, strict=True)
-        ]
-        return EpisodeResults(steps, success, rewards)
+        return with_rewards(self.job, steps, success)
 
 
 def _episodes(

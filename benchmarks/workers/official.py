@@ -45,16 +45,16 @@ class Official:
     def _episode(self, name: str, due: dict[int, list[list[float]]]) -> tuple[int, bool, float]:
         game = IPHYRE(name, fps=self.job.fps)
         game.reset()
-        total, made, done = 0.0, 0, False
-        while made < self.job.steps and not done:
-            *others, click = due.get(made) or [NOTHING]
+        total, steps, done = 0.0, 0, False
+        while steps < self.job.steps and not done:
+            *others, click = due.get(steps) or [NOTHING]
             for other in others:
                 game.eliminate(other)
                 total += REMOVAL
             _, gain, done = game.step(click)
             total += gain
-            made += 1
-        return made, bool(done), total
+            steps += 1
+        return steps, bool(done), total
 
     def results(self) -> EpisodeResults:
         """Steps, success and the sums of the class's own rewards."""

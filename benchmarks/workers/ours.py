@@ -24,8 +24,8 @@ class Ours:
 
     def versions(self) -> dict[str, str]:
         """Versions of this project, JAX and NumPy, and XLA_FLAGS."""
-        found = {name: version(name) for name in ("iphyre-jax", "jax", "jaxlib", "numpy")}
-        return {**found, "XLA_FLAGS": os.environ.get("XLA_FLAGS", "")}
+        packages = {name: version(name) for name in ("iphyre-jax", "jax", "jaxlib", "numpy")}
+        return {**packages, "XLA_FLAGS": os.environ.get("XLA_FLAGS", "")}
 
     def load(self, job: Job) -> None:
         """Build the scenes."""

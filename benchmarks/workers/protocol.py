@@ -63,14 +63,13 @@ class Player(Protocol):
         ...
 
 
-def reward(success: bool, removed: int, steps: int, fps: int) -> float:
-    """The game's reward of an episode."""
-    return 1000.0 * success - 10.0 * removed - steps / fps
-
-
-def removed_before(plan: list[int], steps: int) -> int:
-    """Number of blocks that a plan has removed after `steps` steps."""
-    return sum(0 <= at < steps for at in plan)
+def with_rewards(job: Job, steps: list[int], success: list[bool]) -> EpisodeResults:
+    """The results of a job with the game's rewards."""
+    rewards = [
+        1000.0 * solved - 10.0 * sum(0 <= at < end for at in plan) - end / job.fps
+        for plan, end, solved in zip(job.plans, steps, success, strict=True)
+    ]
+    return EpisodeResults(steps, success, rewards)
 
 
 def serve(player: Player) -> None:

@@ -78,28 +78,27 @@ def compare(options: Options, console: Console) -> list[tuple[int, GameResult]]:
     """Run the comparison and show its progress; return results with their templates, in the order of the tasks."""
     tasks = tasks_of(options)
     log = options.out / f"{options.name}.part.jsonl"
-    found = dict(_done(log, options, tasks))
-    left = [index for index in range(len(tasks)) if index not in found]
+    finished = dict(_done(log, options, tasks))
+    left = [index for index in range(len(tasks)) if index not in finished]
     with progress_bar(console) as progress, log.open("a", encoding="utf-8") as file:
         bar = progress.add_task("scenes", total=options.scenes)
-        progress.advance(bar, sum(len(tasks[index][1].scenes) for index in found))
+        progress.advance(bar, sum(len(tasks[index][1].scenes) for index in finished))
         for place, results in compare_games(
             [tasks[index][1] for index in left], min(options.workers, max(len(left), 1))
         ):
             index = left[place]
-            found[index] = results
+            finished[index] = results
             file.write(json.dumps({"task": index, "results": [_record(result) for result in results]}) + "\n")
             file.flush()
             progress.advance(bar, len(tasks[index][1].scenes))
-    return [(tasks[index][0], result) for index in sorted(found) for result in found[index]]
+    return [(tasks[index][0], result) for index in sorted(finished) for result in finished[index]]
 
 
 def _key(options: Options) -> dict[str, Any]:
     """What decides the results: some options, the commit, the versions."""
-    given = options_as_json(options)
-    return {name: given[name] for name in ("scenes", "plans", "fps", "resets", "seed", "duration")} | {
-        name: run_info({})[name] for name in ("commit", "versions")
-    }
+    kept = "scenes", "plans", "fps", "resets", "seed", "duration"
+    chosen = {name: value for name, value in options_as_json(options).items() if name in kept}
+    return chosen | {name: run_info({})[name] for name in ("commit", "versions")}
 
 
 def _done(log: Path, options: Options, tasks: list[tuple[int, Task]]) -> Iterator[tuple[int, list[GameResult]]]:
@@ -146,9 +145,9 @@ def _result(data: dict[str, Any], scenes: dict[str, Scene]) -> GameResult:
 
 
 def _diverged_plan(data: dict[str, Any]) -> DivergedPlan:
-    found = {name: Divergence(**data[name]) if data[name] else None for name in ("first_bit", "first_stage")}
+    stages = {name: Divergence(**data[name]) if data[name] else None for name in ("first_bit", "first_stage")}
     pairs = {name: tuple(data[name]) for name in ("eliminate_at", "reference", "ours")}
-    return DivergedPlan(**data | found | pairs)
+    return DivergedPlan(**data | stages | pairs)
 
 
 def sections(results: list[tuple[int, GameResult]]) -> list[Section]:

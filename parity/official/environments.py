@@ -31,14 +31,7 @@ def load(path: Path) -> list[tuple[str, str, Recorded]]:
 
 
 def replay(environment: Environment, params: EnvParams, game_index: ArrayLike, actions: ArrayLike) -> Recorded:
-    """Play B episodes of T actions each; an episode that has ended does not change.
-
-    Args:
-        environment: without autoreset.
-        params: its parameters.
-        game_index: (B,) rows of the parameters.
-        actions: (B, T, ...).
-    """
+    """Play B episodes of actions (B, T, ...) from rows (B,) of the parameters; one that has ended does not change."""
 
     def episode(game: jax.Array, actions: jax.Array) -> dict[str, jax.Array]:
         obs, state = environment.reset_to(game, params)
@@ -82,8 +75,8 @@ def compare(episodes: list[tuple[str, str, Recorded]], strategy: str) -> list[st
         played = replay(environment, params, [GAMES.index(game) for game, _ in chosen], actions)
     lines = []
     for index, (game, recorded) in enumerate(chosen):
-        found = differences(recorded, {name: value[index] for name, value in played.items()})
-        lines += [f"{strategy} {game} {index}: {problem}" for problem in found]
+        problems = differences(recorded, {name: value[index] for name, value in played.items()})
+        lines += [f"{strategy} {game} {index}: {problem}" for problem in problems]
     steps = sum(len(recorded["rewards"]) for _, recorded in chosen)
     print(f"{strategy}: {len(chosen)} episodes, {steps} steps, {len(lines)} differences")
     return lines

@@ -13,6 +13,7 @@ from parity.divergences import DivergedPlan
 from parity.engines import reference
 from parity.play import GameResult
 from parity.reports.charts import Values, error_chart, sparkline, trajectories
+from parity.reports.summary import Summary
 from parity.reports.tables import HEADINGS, LEGEND, Section, cells, headline, inline, percent, targets_line
 from parity.statistics import Pair, Statistics
 
@@ -95,25 +96,20 @@ def _cards(tables: Sequence[Section]) -> str:
             ("bit for bit", f"{percent(row.identical)} %"),
             ("within 1e-6 px", f"{percent(row.within(1e-6))} %"),
             (OF_SOLVED, f"{percent(row.share_solved)} %"),
-            ("within 1 px", f"{percent(row.within(1.0))} %"),
-            ("same step", f"{percent(row.same_step)} %"),
-            (OF_SOLVED, f"{percent(row.same_step_solved)} %"),
         ]
-        cards.append(_card(f"Ours, {section.dtype}", facts))
+        cards.append(_card(f"Ours, {section.dtype}", [*facts, *_outcome(row)]))
     for row in tables[0].sensitivity:
-        cards.append(
-            _card(
-                row.name,
-                [
-                    ("within 1e-9 px", f"{percent(row.within(1e-9))} %"),
-                    ("within 1e-6 px", f"{percent(row.within(1e-6))} %"),
-                    ("within 1 px", f"{percent(row.within(1.0))} %"),
-                    ("same step", f"{percent(row.same_step)} %"),
-                    (OF_SOLVED, f"{percent(row.same_step_solved)} %"),
-                ],
-            )
-        )
+        facts = [(f"within {limit} px", f"{percent(row.within(float(limit)))} %") for limit in ("1e-9", "1e-6")]
+        cards.append(_card(row.name, [*facts, *_outcome(row)]))
     return f'<div class="cards">{"".join(cards)}</div>'
+
+
+def _outcome(row: Summary) -> list[tuple[str, str]]:
+    return [
+        ("within 1 px", f"{percent(row.within(1.0))} %"),
+        ("same step", f"{percent(row.same_step)} %"),
+        (OF_SOLVED, f"{percent(row.same_step_solved)} %"),
+    ]
 
 
 def _card(title: str, facts: Sequence[tuple[str, str]]) -> str:
@@ -124,13 +120,17 @@ def _card(title: str, facts: Sequence[tuple[str, str]]) -> str:
 def _table(section: Section, results: Sequence[GameResult]) -> str:
     """The table of one rate and type; each row ends with the worst error over time."""
     exact = section.dtype == "float64"
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in (*HEADINGS, "error over time"))
     rows = []
     for row, result in zip(section.games, results, strict=True):
         drawn = sparkline([(worst_over_plans(result), section.dtype)], logarithmic=True)
         rows.append(f"<tr>{_cells(cells(row), exact)}<td>{drawn}</td></tr>")
     rows.append(f'<tr class="all">{_cells(cells(section.overall), exact)}<td></td></tr>')
     rows += [f'<tr class="self">{_cells(cells(row), False)}<td></td></tr>' for row in section.sensitivity]
+    return _html_table((*HEADINGS, "error over time"), rows)
+
+
+def _html_table(headings: Sequence[str], rows: Sequence[str]) -> str:
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
 
 
@@ -235,9 +235,7 @@ def _diverged(plans: Sequence[DivergedPlan]) -> list[str]:
         for plan in chosen
     ]
     names = "game", "plan", "px", "steps, ours / pymunk", "first bit that differs", "first stage beyond tolerance"
-    head = "".join(f"<th>{name}</th>" for name in names)
-    table = f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
-    return [title, table]
+    return [title, _html_table(names, rows)]
 
 
 def _physics(pairs: Sequence[Pair]) -> list[str]:
@@ -251,13 +249,12 @@ def _physics(pairs: Sequence[Pair]) -> list[str]:
         both = [[f"{float(value(side)):.10g}" for side in (pair.ours, pair.theirs)] for _, value in PHYSICS]
         numbers = "".join(f'<td class="two">{ours}<span>{theirs}</span></td>' for ours, theirs in both)
         rows.append(f"<tr><td>{escape(pair.game)}</td><td>{drawn}</td>{numbers}</tr>")
-    head = "".join(f"<th>{name}</th>" for name in ("game", "energy", *(name for name, _ in PHYSICS)))
     note = (
         '<p class="note">One play of each game in float64, ours above, pymunk below. Every mass is 1: energies are in '
         "px²/s² (0 at y = 600), momenta and impulses in px/s, overlap in px. Contacts and impulses are sums over the "
         f"first {len(pairs[0].ours.points) / pairs[0].fps:g} s at most.</p>"
     )
-    table = f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    table = _html_table(("game", "energy", *(name for name, _ in PHYSICS)), rows)
     return ["<details><summary>Energy, momentum and contacts side by side</summary>", note, table, "</details>"]
 
 

@@ -28,8 +28,9 @@ HEADINGS = (
     "faults",
 )
 LEGEND = (
-    "max px: largest error in play; bits: % of plans with every pose equal bit for bit; 1e-9 to 1 px: % within this; "
-    "flag, step: % of plans with the same success flag and step; flag*, step*: of the plans pymunk solves"
+    "max px: largest error in play; bits: % of plans with every pose equal bit for bit; 1e-9 to 1 px: % of plans with "
+    "no larger error; flag, step: % of plans with the same success flag and step; flag*, step*: the same, of the plans "
+    "that pymunk solves"
 )
 
 
@@ -129,8 +130,8 @@ def headline(tables: Sequence[Section]) -> str:
         same, bits = (
             sum(getattr(row, name) * row.plans for row in rows) / plays for name in ("same_step", "identical")
         )
-        exact = f"{percent(bits)} % of {plays} plays are equal bit for bit, " if dtype == "float64" else ""
-        facts.append(f"{dtype}: {exact}{percent(same)} % have the same success step")
+        exact = f", {percent(bits)} % equal bit for bit" if dtype == "float64" else ""
+        facts.append(f"{dtype}: {plays} plays{exact}, {percent(same)} % with the same success step")
     targets_met = "Every target is met" if not missed else f"{missed} target{'s' * (missed > 1)} missed"
     return f"{targets_met}. {'; '.join(facts)}."
 
