@@ -1,6 +1,6 @@
-"""How fast the simulator is, side by side with the engines it replaces: ``python -m benchmarks``.
+"""Speed of the simulator beside the engines it replaces: ``python -m benchmarks``.
 
-Every engine plays the same plans in worker processes of its own (`workers`), in turns, so that whatever else the
-machine does falls on all of them. Workers may belong to other virtual environments; they and the driver exchange lines
-of JSON.
+Every engine plays the same plans in worker processes of its own (`workers`). The engines take turns, so that other load
+on the machine falls on all of them. Workers may belong to other virtual environments; they and the driver exchange
+lines of JSON.
 """

@@ -6,27 +6,27 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, TaskID
 
 import iphyre_jax
-from benchmarks import decision_rate, plots, report, scaling_batch, scaling_size, startup
+from benchmarks import decision_rate, plots, report, scaling, startup
 from benchmarks.engines import engines, ours
 from benchmarks.measure import compare
 from benchmarks.report import Results
-from benchmarks.worker_pool import GAME_FACTOR, Crew
-from benchmarks.workload import make_work
+from benchmarks.worker_pool import GAME_FACTOR, WorkerPool
+from benchmarks.workload import make_workload
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
+from parity.command import options_as_json, progress_bar, report_console, require_at_least
 
-REPORT_WIDTH = 130  # columns, where the output is not a terminal
-LEAST_SECONDS = 0.3  # of a turn
-MOST_SCALING_TURNS = 3  # a quarter of a million worlds take a while
+MIN_SECONDS = 0.3  # of a repeat
+MAX_SCALING_REPEATS = 3  # because a quarter of a million worlds take long
+STARTUP_WORLDS = 1024
 Rate = Literal[10, 60]
 Part = Literal["mixture", "games", "startup", "scaling", "decisions"]
 Found = TypeVar("Found")
@@ -38,26 +38,26 @@ class Options:
     """Measure steps a second of this project, of pymunk, of the official class and of Jax2D on the same plans.
 
     Attributes:
-        quick: a few minutes: the mixture of all games at 10 fps, few plans and turns, without Jax2D; other options are
-            as given, except parts, fps, turns and plans.
-        games: games to measure, on their own and as the mixture; all forty if none is named.
-        parts: what to measure: all engines on the mixture, game by game, times to a first result,
-            what grows with batch, objects, moving bodies and steps, decisions on the fly beside plain simulation.
+        quick: take a few minutes only: the mixture of games at 10 fps with few plans and repeats, without Jax2D; sets
+            the options parts, fps, repeats and plans.
+        games: games to measure, one by one and as a mixture; by default all forty.
+        parts: what to measure: all engines on the mixture; all engines game by game; times to a first result; scaling
+            with batch, objects, moving bodies and steps; decisions on the fly beside plain simulation.
         fps: frame rates; each has tables of its own.
-        turns: times that each engine is measured.
-        plans: plans a game in the mixture, at 10 fps; slower engines play the first of them.
-        batches: worlds of the scaling table.
+        repeats: how often to measure each engine.
+        plans: plans a game in the mixture at 10 fps; slower engines play only the first of them.
+        batches: batch sizes of the scaling table, in worlds.
         without: engines to leave out, "official" or "jax2d".
-        cores: processes or threads for each engine; by default all that may be used.
+        cores: processes or threads of each engine; by default all usable cores.
         seed: seed of the plans.
-        out: folder for JSON and PNG.
+        out: folder of JSON and PNG.
     """
 
     quick: bool = False
     games: tuple[str, ...] = ()
     parts: tuple[Part, ...] = PARTS
     fps: tuple[Rate, ...] = (10, 60)
-    turns: int = 5
+    repeats: int = 5
     plans: int = 1024
     batches: tuple[int, ...] = (64, 256, 1024, 4096, 16384, 65536, 262144)
     without: tuple[Literal["official", "jax2d"], ...] = ()
@@ -65,38 +65,37 @@ class Options:
     seed: int = 0
     out: Path = Path("benchmarks") / "results"
 
-    def settled(self) -> Options:
-        """The options with what `quick` means, checked.
+    def resolved(self) -> Options:
+        """Check the options and apply `quick`.
 
         Raises:
-            ValueError: naming the option and what was expected.
+            ValueError: an option is wrong; the message names it and what was expected.
+            OSError: a scene file cannot be read.
         """
-        for name, least in (("turns", 1), ("plans", 1), ("cores", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"--{name}: expected an integer of at least {least}, got {getattr(self, name)}")
+        require_at_least(self, repeats=1, plans=1, cores=1, seed=0)
         if not self.parts or not self.fps or not self.batches or min(self.batches) < 1:
             raise ValueError("--parts, --fps, --batches: expected at least one value, and batches of at least 1")
         games = self.games or iphyre_jax.GAMES
         for game in games:
             iphyre_jax.load_scene(game)
-        changes = {"parts": ("mixture",), "fps": (10,), "turns": 3, "plans": 256} if self.quick else {}
+        changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
         without = self.without or (("jax2d",) if self.quick else ())
         return Options(**{**vars(self), "games": tuple(games), "without": without, **changes})
 
 
 class Log:
-    """One progress bar a part, and the results so far in their file: who kills a run keeps what it has found."""
+    """One progress bar for each part; every result is saved at once, so that a killed run keeps its results."""
 
     def __init__(self, progress: Progress, results: Results, folder: Path) -> None:
         self.progress, self.results, self.folder = progress, results, folder
         self.task: TaskID | None = None
 
     def start(self, name: str, total: int) -> None:
-        """Begin a part."""
+        """Begin a part of `total` pieces."""
         self.task = self.progress.add_task(name, total=total)
 
-    def into(self, kept: list[Found]) -> Callable[[list[Found]], None]:
-        """Return what keeps the results of a part's next piece."""
+    def saver(self, kept: list[Found]) -> Callable[[list[Found]], None]:
+        """Return a function that adds the results of a piece to `kept`, saves them and advances the bar."""
 
         def done(found: list[Found]) -> None:
             kept.extend(found)
@@ -108,70 +107,70 @@ class Log:
 
 
 def measure(options: Options, results: Results, log: Log) -> None:
-    """Measure what the options ask for, into `results`."""
+    """Measure the parts that the options name; put everything into `results`."""
     o = options
-    works = [o.games] if "mixture" in o.parts else []
-    works += [(game,) for game in o.games] if "games" in o.parts and len(o.games) > 1 else []
-    if works:
-        side_by_side(o, works, results, log)
-    jobs = [[game] for game in startup.one_for_each_size() if game in o.games]
+    workloads = [o.games] if "mixture" in o.parts else []
+    workloads += [(game,) for game in o.games] if "games" in o.parts and len(o.games) > 1 else []
+    if workloads:
+        measure_engines(o, workloads, results, log)
+    jobs = [[game] for game in startup.one_game_per_size() if game in o.games]
     jobs += [list(o.games)] if len(o.games) > 1 else []
     if "startup" in o.parts:
         log.start("times to a first result", len(jobs))
-        startup.startups(jobs, 1024, log.into(results.startups))
+        startup.measure_startups(jobs, STARTUP_WORLDS, log.saver(results.startups))
     if "decisions" in o.parts:
         log.start("decisions on the fly", len(jobs) * len(o.fps))
-        decision_rate.deciding(jobs, o.fps, o.turns, log.into(results.decisions))
+        decision_rate.measure_decisions(jobs, o.fps, o.repeats, log.saver(results.decisions))
     if "scaling" in o.parts:
-        scales(o, results, log)
+        measure_scaling(o, results, log)
 
 
-def scales(options: Options, results: Results, log: Log) -> None:
-    """Measure what grows with what, in float32."""
-    o, turns = options, min(options.turns, MOST_SCALING_TURNS)
+def measure_scaling(options: Options, results: Results, log: Log) -> None:
+    """Measure scaling in float32 with sizes and with batches."""
+    o, repeats = options, min(options.repeats, MAX_SCALING_REPEATS)
     results.bytes_a_world |= {
-        game: {dtype: scaling_batch.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
+        game: {dtype: scaling.carried_bytes(game, dtype) for dtype in ("float32", "float64")} for game in o.games
     }
-    log.start("objects, moving bodies, steps", len(scaling_size.sizes()))
-    with Crew(ours("float32", o.cores, o.plans, "cache")) as crew:
-        scaling_size.growth(crew, turns, o.seed, log.into(results.growths))
+    log.start("objects, moving bodies, steps", len(scaling.sizes()))
+    with WorkerPool(ours("float32", o.cores, o.plans, "cache")) as pool:
+        scaling.measure_sizes(pool, repeats, o.seed, log.saver(results.scaling_size))
     players = [(n, "thread") for n in sorted({1, o.cores})] + [(o.cores, "device")]
     log.start("batch sizes", len(o.batches))
     with ExitStack() as stack:
-        crews = {
+        pools = {
             f"{n} {what}{'s' * (n > 1)}": stack.enter_context(
-                Crew(ours("float32", n, max(o.batches), "cache", f"{what}s"))
+                WorkerPool(ours("float32", n, max(o.batches), "cache", f"{what}s"))
             )
             for n, what in players
         }
-        scaling_batch.scale(crews, o.games, o.batches, turns, o.seed, log.into(results.scales))
+        scaling.measure_batches(pools, o.games, o.batches, repeats, o.seed, log.saver(results.scaling_batch))
 
 
-def side_by_side(options: Options, works: Sequence[tuple[str, ...]], results: Results, log: Log) -> None:
-    """Measure all engines, in turns on each work, at one frame rate after the other."""
+def measure_engines(options: Options, workloads: Sequence[tuple[str, ...]], results: Results, log: Log) -> None:
+    """Measure all engines on each workload, one frame rate after the other."""
     o = options
     chosen, problems = engines(o.cores, o.plans, o.without)
     results.problems += problems
     with ExitStack() as stack:
-        crews = []
+        pools = []
         for engine in chosen:
             try:
-                crews.append(stack.enter_context(Crew(engine)))
+                pools.append(stack.enter_context(WorkerPool(engine)))
             except RuntimeError as error:
                 results.problems.append(f"not measured: {error}")
                 continue
-            results.engines[engine.name] = {"processes": engine.processes, "versions": crews[-1].versions}
+            results.engines[engine.name] = {"processes": engine.processes, "versions": pools[-1].versions}
         for fps in o.fps:
-            log.start(f"engines, {fps} fps", len(works))
-            for games in works:
-                taking_part = [crew for crew in crews if crew.engine.per_game or len(games) > 1]
-                rounds = max(crew.engine.rounds for crew in taking_part)
-                work = make_work(games, rounds * (GAME_FACTOR if len(games) == 1 else 1), fps, o.seed)
-                log.into(results.measurements)(compare(taking_part, work, o.turns, LEAST_SECONDS))
+            log.start(f"engines, {fps} fps", len(workloads))
+            for games in workloads:
+                taking_part = [pool for pool in pools if pool.engine.per_game or len(games) > 1]
+                plans = max(pool.engine.plans_per_game for pool in taking_part)
+                workload = make_workload(games, plans * (GAME_FACTOR if len(games) == 1 else 1), fps, o.seed)
+                log.saver(results.measurements)(compare(taking_part, workload, o.repeats, MIN_SECONDS))
 
 
 def save_json(results: Results, folder: Path) -> Path:
-    """Write the JSON, in one move."""
+    """Write the JSON; a reader sees the old file or the new one, never a part."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "benchmarks.json"
     replace_text(file, report.as_json(results))
@@ -179,38 +178,37 @@ def save_json(results: Results, folder: Path) -> Path:
 
 
 def save(results: Results, folder: Path) -> list[Path]:
-    """Write the JSON and the pictures; return what was written."""
+    """Write the JSON and the pictures; return the files."""
     file = save_json(results, folder)
     drawn = [(plots.bars, folder / "engines.png"), (plots.scaling, folder / "scaling.png")]
     return [file, *(picture for draw, picture in drawn if draw(results, picture))]
 
 
-def _interrupt(*_: Any) -> NoReturn:  # noqa: ANN401 - whatever a signal brings
+def _interrupt(*_: Any) -> NoReturn:  # noqa: ANN401 - number and frame of a signal
     raise KeyboardInterrupt
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure, print and save; 0 if all went well, 2 for bad options, 1 if a measurement fails, 130 if ended."""
+    """Measure, print and save; return 0, or 1 if a measurement fails, 2 for bad options, 130 if interrupted."""
     options = tyro.cli(Options, args=arguments, prog="python -m benchmarks")
-    console = Console(width=None if sys.stdout.isatty() else REPORT_WIDTH)
+    console = report_console()
     try:
-        options = options.settled()
+        options = options.resolved()
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    around = report.circumstances({**asdict(options), "out": str(options.out)})
-    results = Results(around, report.disturbance(around))
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    info = report.run_info(options_as_json(options))
+    results = Results(info, report.load_warnings(info))
     code = 0
-    signal.signal(signal.SIGTERM, _interrupt)  # so that workers end and what was found is shown
-    with Progress(*columns, console=console) as progress:
+    signal.signal(signal.SIGTERM, _interrupt)  # ends the workers, then shows and saves the results so far
+    with progress_bar(console) as progress:
         try:
             measure(options, results, Log(progress, results, options.out))
         except RuntimeError as error:
             results.problems.append(str(error))
             code = 1
         except KeyboardInterrupt:
-            results.problems.append("ended by the user; the rest is missing")
+            results.problems.append("interrupted; the rest is missing")
             code = 130
     report.show(results, console)
     for file in save(results, options.out):

@@ -1,4 +1,4 @@
-"""Decisions on the fly, with observations, beside plain simulation of the same plans."""
+"""Speed of decisions on the fly, with observations, beside plain simulation of the same plans."""
 
 from __future__ import annotations
 
@@ -13,23 +13,26 @@ from statistics import median
 from benchmarks.worker_pool import ROOT
 from benchmarks.workload import MIXED
 
+WORLDS = 1024
+
 
 @dataclass(frozen=True)
-class Deciding:
-    """Seconds of whole episodes in one process, in turns.
+class DecisionRate:
+    """Seconds of whole episodes, measured in turns in one process.
 
     Attributes:
-        work: a game, or "mixed".
+        workload: a game, or "mixed".
         fps: physics steps a second; a decision lasts 0.1 s.
-        worlds: side by side.
-        steps: physics steps really made, by name of what was measured.
-        same_steps: share of the worlds that end with the same step both ways.
-        seconds: for "simulate", "scan" (a user's scan over `env.step`, autoreset), "reads" (`unroll`, the policy reads
-            its observations) and "keeps" (they are kept too): wall-clock and processor seconds of each turn.
-        compiled: s, compilation of the program of "scan", the engine's own being there.
+        worlds: in the batch.
+        steps: physics steps made, by variant.
+        same_steps: share of the worlds that end with the same step on the fly and in plain simulation.
+        seconds: wall-clock and processor seconds of each repeat by variant: "simulate"; "scan" (a user's scan over
+            `env.step` with autoreset); "reads" (`unroll` with a policy that reads its observations); "keeps" (the
+            observations are returned too).
+        compiled: s to compile the program of "scan" when the engine's own programs exist.
     """
 
-    work: str
+    workload: str
     fps: int
     worlds: int
     steps: dict[str, int]
@@ -38,32 +41,31 @@ class Deciding:
     compiled: float
 
     def rate(self, name: str, clock: int) -> float:
-        """Return the median of the steps a second, by the wall clock (0) or the processor's (1)."""
-        return median(self.steps[name] / turn[clock] for turn in self.seconds[name])
+        """Median of the steps a second of a variant, by wall clock (0) or processor time (1)."""
+        return median(self.steps[name] / repeat[clock] for repeat in self.seconds[name])
 
     def share(self, name: str, clock: int) -> float:
-        """Return the median, over turns, of the throughput as a share of plain simulation's."""
+        """Median over the repeats of a variant's speed as a share of plain simulation's."""
         pairs = zip(self.seconds["simulate"], self.seconds[name], strict=True)
         more = self.steps[name] / self.steps["simulate"]
-        return more * median(plain[clock] / turn[clock] for plain, turn in pairs)
+        return more * median(plain[clock] / repeat[clock] for plain, repeat in pairs)
 
 
-def deciding(
-    works: Sequence[Sequence[str]], fps: Sequence[int], turns: int, done: Callable[[list[Deciding]], None]
+def measure_decisions(
+    workloads: Sequence[Sequence[str]], fps: Sequence[int], repeats: int, done: Callable[[list[DecisionRate]], None]
 ) -> None:
-    """Measure each work, the games of one process, at each frame rate; `done` is called with what was found.
+    """Measure each workload (the games of one process) at each frame rate; call `done` with each result.
 
     Raises:
         RuntimeError: a process ends without a result; one line.
     """
-    for games in works:
-        worlds = 1024
+    for games in workloads:
         for rate in fps:
-            around = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
-            numbers = map(str, (rate, worlds, turns))
+            env = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
+            numbers = map(str, (rate, WORLDS, repeats))
             command = [sys.executable, "-m", "benchmarks.workers.on_the_fly", *numbers, *games]
-            ran = subprocess.run(command, env=around, text=True, stdout=subprocess.PIPE, check=False)  # noqa: S603
+            ran = subprocess.run(command, env=env, text=True, stdout=subprocess.PIPE, check=False)  # noqa: S603
             if ran.returncode:
                 raise RuntimeError(f"decisions in {', '.join(games)}: the process ended with {ran.returncode}")
-            told = json.loads(ran.stdout.splitlines()[-1])
-            done([Deciding(games[0] if len(games) == 1 else MIXED, rate, worlds, **told)])
+            measured = json.loads(ran.stdout.splitlines()[-1])
+            done([DecisionRate(games[0] if len(games) == 1 else MIXED, rate, WORLDS, **measured)])

@@ -1,4 +1,4 @@
-"""Engines in turns on one work, and what their turns say."""
+"""Measure engines in turns on one workload."""
 
 from __future__ import annotations
 
@@ -7,35 +7,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from benchmarks.worker_pool import Crew, Turn
-from benchmarks.workers.protocol import Played
-from benchmarks.workload import Work
+from benchmarks.worker_pool import Repeat, WorkerPool
+from benchmarks.workers.protocol import EpisodeResults
+from benchmarks.workload import Workload
 
-MOST_REPEATS = 50
+MAX_PLAYS = 50
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One engine on one work.
+    """One engine on one workload.
 
     Attributes:
         engine: its name.
-        work: a game, or "mixed".
+        workload: a game, or "mixed".
         fps: physics steps a second.
         episodes: plans played.
-        steps: steps really made in them.
+        steps: steps made in them.
         solved: share of the plans that solve their game.
         reward: mean reward.
-        same_steps: share of the plans that end with the same step as in the first engine of the run, of those that both
-            play.
-        first_seconds: the first play of the work, with all that is compiled for it.
-        seconds: of one play, for each turn.
-        processor_seconds: of all its processes, likewise.
+        same_steps: of the plans that the run's first engine plays too, the share that ends with the same step.
+        first_seconds: of the first play, compilation included.
+        seconds: of one play, for each repeat.
+        processor_seconds: of all processes in one play, for each repeat.
         memory: bytes, the most that any of its processes has held so far.
     """
 
     engine: str
-    work: str
+    workload: str
     fps: int
     episodes: int
     steps: int
@@ -49,7 +48,7 @@ class Measurement:
 
     @property
     def rates(self) -> list[float]:
-        """Steps a second, for each turn."""
+        """Steps a second in each repeat."""
         return [self.steps / seconds for seconds in self.seconds]
 
     @property
@@ -64,55 +63,59 @@ class Measurement:
 
     @property
     def compile_seconds(self) -> float:
-        """What the first play took longer than a later one."""
+        """Seconds by which the first play exceeds the median of the later ones."""
         return max(0.0, self.first_seconds - median(self.seconds))
 
 
-def compare(crews: Sequence[Crew], work: Work, turns: int, least_seconds: float) -> list[Measurement]:
-    """Let every crew play the work, in turns.
+def compare(pools: Sequence[WorkerPool], workload: Workload, repeats: int, min_seconds: float) -> list[Measurement]:
+    """Let the engines play a workload in turns.
 
     Args:
-        crews: the engines; the first is what the others' steps are compared with.
-        work: each crew plays its first rows, as many rounds as its engine is good for.
-        turns: how often each crew plays.
-        least_seconds: a crew that is quicker plays several times a turn, so that a turn can be timed.
+        pools: the engines' workers; the others' steps are compared with the first one's.
+        workload: each engine plays its first rows, as many as suit its speed.
+        repeats: how often each engine is measured.
+        min_seconds: of a repeat; a quicker engine plays several times in each, so that it can be timed.
     """
-    works = [work.first(crew.engine.rounds_of(work) * len(work.games)) for crew in crews]
-    loaded = [crew.load(part) for crew, part in zip(crews, works, strict=True)]
-    # A turn's length is not known from the first play, which compiles: one more play tells. It is a turn itself if it
-    # was long enough.
-    trials = [crew.turn(1) for crew in crews]
-    repeats = [max(1, min(MOST_REPEATS, math.ceil(least_seconds / trial.seconds))) for trial in trials]
-    rounds = [trials] if max(repeats) == 1 else []
-    while len(rounds) < turns:
-        rounds.append([crew.turn(times) for crew, times in zip(crews, repeats, strict=True)])
+    workloads = [workload.first(pool.engine.plans_per_game_in(workload) * len(workload.games)) for pool in pools]
+    loaded = [pool.load(part) for pool, part in zip(pools, workloads, strict=True)]
+    # The first play compiles, so one more is timed. It counts as a repeat if every engine took long enough for it.
+    trials = [pool.repeat(1) for pool in pools]
+    plays = [max(1, min(MAX_PLAYS, math.ceil(min_seconds / trial.seconds))) for trial in trials]
+    measured = [trials] if max(plays) == 1 else []
+    while len(measured) < repeats:
+        measured.append([pool.repeat(times) for pool, times in zip(pools, plays, strict=True)])
     reference = loaded[0][0]
     return [
-        _measurement(crew.engine.name, part, played, first, reference, found)
-        for crew, part, (played, first), *found in zip(crews, works, loaded, *rounds, strict=True)
+        _measurement(pool.engine.name, part, played, first, reference, own)
+        for pool, part, (played, first), *own in zip(pools, workloads, loaded, *measured, strict=True)
     ]
 
 
 def _measurement(
-    engine: str, work: Work, played: Played, first: float, reference: Played, turns: Sequence[Turn]
+    engine: str,
+    workload: Workload,
+    played: EpisodeResults,
+    first: float,
+    reference: EpisodeResults,
+    repeats: Sequence[Repeat],
 ) -> Measurement:
     both = list(zip(played.steps, reference.steps, strict=False))
     return Measurement(
         engine=engine,
-        work=work.name,
-        fps=work.fps,
+        workload=workload.name,
+        fps=workload.fps,
         episodes=len(played.steps),
         steps=sum(played.steps),
         solved=sum(played.success) / len(played.success),
         reward=sum(played.reward) / len(played.reward),
         same_steps=sum(a == b for a, b in both) / len(both),
         first_seconds=first,
-        seconds=tuple(turn.seconds for turn in turns),
-        processor_seconds=tuple(turn.processor_seconds for turn in turns),
-        memory=max(turn.memory for turn in turns),
+        seconds=tuple(repeat.seconds for repeat in repeats),
+        processor_seconds=tuple(repeat.processor_seconds for repeat in repeats),
+        memory=max(repeat.memory for repeat in repeats),
     )
 
 
 def ratio(one: Measurement, other: Measurement) -> float:
-    """How many times as many steps a second, turn by turn, as a median."""
+    """Median over the repeats of the ratio of two engines' steps a second."""
     return median(a / b for a, b in zip(one.rates, other.rates, strict=True))

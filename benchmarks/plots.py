@@ -1,4 +1,4 @@
-"""The bar chart and the scaling plot."""
+"""The bar chart of the engines and the scaling plots."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ RESOLUTION = 150  # dots an inch
 
 
 def bars(results: Results, file: Path) -> bool:
-    """Draw steps a second of every engine on the mixture, on a logarithmic axis; False if there is nothing to draw."""
-    rates = [fps for fps in results.rates() if results.of(MIXED, fps)]
-    if not rates:
+    """Draw steps a second of every engine on the mixture, on a logarithmic axis; False without data."""
+    frame_rates = [fps for fps in results.frame_rates() if results.by_engine(MIXED, fps)]
+    if not frame_rates:
         return False
-    figure = Figure(figsize=(8, 0.9 + 2.4 * len(rates)), layout="constrained")
-    for axes, fps in zip(figure.subplots(len(rates), squeeze=False)[:, 0], rates, strict=True):
+    figure = Figure(figsize=(8, 0.9 + 2.4 * len(frame_rates)), layout="constrained")
+    for axes, fps in zip(figure.subplots(len(frame_rates), squeeze=False)[:, 0], frame_rates, strict=True):
         _bars(axes, results, fps)
     figure.savefig(file, dpi=RESOLUTION)
     return True
 
 
 def _bars(axes: Axes, results: Results, fps: int) -> None:
-    found = list(results.of(MIXED, fps).values())[::-1]
+    found = list(results.by_engine(MIXED, fps).values())[::-1]
     middle = [one.rate for one in found]
     ends = [[one.rate - min(one.rates) for one in found], [max(one.rates) - one.rate for one in found]]
     colours = [COLOURS.get(one.engine, GREY) for one in found]
@@ -43,10 +43,10 @@ def _bars(axes: Axes, results: Results, fps: int) -> None:
 
 
 def scaling(results: Results, file: Path) -> bool:
-    """Draw speed against the batch, and each game's against its moving bodies; False if there is neither."""
-    panels = [_batches] if results.scales else []
-    panels += [partial(_growth, what=what) for what in dict.fromkeys(one.what for one in results.growths)]
-    panels += [_games] if any(one.work != MIXED for one in results.measurements) else []
+    """Draw speed over batch, the cost of a step over sizes, and each game's speed; False without data."""
+    panels = [_batches] if results.scaling_batch else []
+    panels += [partial(_sizes, what=what) for what in dict.fromkeys(one.what for one in results.scaling_size)]
+    panels += [_games] if any(one.workload != MIXED for one in results.measurements) else []
     if not panels:
         return False
     rows = -(-len(panels) // COLUMNS)
@@ -64,16 +64,16 @@ def scaling(results: Results, file: Path) -> bool:
 
 
 def _batches(axes: Axes, results: Results) -> None:
-    for players in dict.fromkeys(one.players for one in results.scales):
-        found = [one for one in results.scales if one.players == players]
+    for players in dict.fromkeys(one.players for one in results.scaling_batch):
+        found = [one for one in results.scaling_batch if one.players == players]
         rates = [one.measured.rate for one in found]
         axes.plot([one.batch for one in found], rates, marker="o", label=players)
     axes.set(xscale="log", xlabel="worlds in a call", ylabel="steps a second", title="Games mixed, 10 fps, float32")
     axes.set_ylim(bottom=0)
 
 
-def _growth(axes: Axes, results: Results, what: str) -> None:
-    found = [one for one in results.growths if one.what == what]
+def _sizes(axes: Axes, results: Results, what: str) -> None:
+    found = [one for one in results.scaling_size if one.what == what]
     costs = [1e9 * one.measured.step_cost for one in found]
     axes.plot([one.size for one in found], costs, marker="o", color=BLUE, label="processor ns a step")
     axes.set(xscale="log" if what == "steps" else "linear", xlabel=what, title="Balls at rest on bars, float32")
@@ -81,10 +81,10 @@ def _growth(axes: Axes, results: Results, what: str) -> None:
 
 
 def _games(axes: Axes, results: Results) -> None:
-    fps = results.rates()[0]
+    fps = results.frame_rates()[0]
     for name, colour, shift in ((STEPPING, GREY, -0.1), (FLOAT64, LIGHT, 0.0), (FLOAT32, BLUE, 0.1)):
-        found = [one for one in results.measurements if (one.engine, one.fps) == (name, fps) and one.work != MIXED]
-        moving = [iphyre_jax.load_scene(one.work).dynamic.sum() + shift for one in found]
+        found = [one for one in results.measurements if (one.engine, one.fps) == (name, fps) and one.workload != MIXED]
+        moving = [iphyre_jax.load_scene(one.workload).dynamic.sum() + shift for one in found]
         axes.scatter(moving, [one.rate for one in found], s=14, color=colour, label=name)
     axes.set(
         yscale="log",
@@ -97,5 +97,5 @@ def _games(axes: Axes, results: Results) -> None:
 
 
 def _machine(results: Results) -> str:
-    machine = results.around["machine"]
+    machine = results.info["machine"]
     return f"{machine['processor']}, {machine['cores']} cores"

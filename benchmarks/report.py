@@ -14,56 +14,55 @@ from rich.console import Console
 from rich.table import Table
 
 import iphyre_jax
-from benchmarks.decision_rate import Deciding
+from benchmarks.decision_rate import DecisionRate
 from benchmarks.engines import STEPPING
 from benchmarks.measure import Measurement, ratio
-from benchmarks.scaling_batch import Scale
-from benchmarks.scaling_size import Growth
+from benchmarks.scaling import BatchScaling, SizeScaling
 from benchmarks.startup import Startup
 from benchmarks.workload import MIXED
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.provenance import CORE, processor, source_commit, versions
 
-SCHEMA = 2  # of the JSON file
-QUIET = 0.5  # load below which the machine counts as idle
+SCHEMA = 3  # of the JSON file
+MAX_IDLE_LOAD = 0.5  # a machine with a higher load counts as busy
 
 
 @dataclass
 class Results:
-    """What a run has found so far.
+    """The results of a run so far.
 
     Attributes:
-        around: what a reader needs to repeat it.
-        problems: what could not be measured, one line each.
-        engines: what each engine is made of.
-        measurements: engines on works.
+        info: what a reader needs to repeat the run.
+        problems: one line for each thing that could not be measured.
+        engines: processes and versions of each engine.
+        measurements: engines on workloads.
         startups: times to a first result.
-        growths: speed by objects, moving bodies and steps.
-        scales: speed by batch and players.
+        scaling_size: speed by objects, moving bodies and steps.
+        scaling_batch: speed by batch and players.
         bytes_a_world: carried state by game and type.
         decisions: decisions on the fly beside plain simulation.
     """
 
-    around: dict[str, Any]
+    info: dict[str, Any]
     problems: list[str] = field(default_factory=list)
     engines: dict[str, dict[str, Any]] = field(default_factory=dict)
     measurements: list[Measurement] = field(default_factory=list)
     startups: list[Startup] = field(default_factory=list)
-    growths: list[Growth] = field(default_factory=list)
-    scales: list[Scale] = field(default_factory=list)
+    scaling_size: list[SizeScaling] = field(default_factory=list)
+    scaling_batch: list[BatchScaling] = field(default_factory=list)
     bytes_a_world: dict[str, dict[str, int]] = field(default_factory=dict)
-    decisions: list[Deciding] = field(default_factory=list)
+    decisions: list[DecisionRate] = field(default_factory=list)
 
-    def of(self, work: str, fps: int) -> dict[str, Measurement]:
-        """The measurements of one work by engine."""
-        return {one.engine: one for one in self.measurements if (one.work, one.fps) == (work, fps)}
+    def by_engine(self, workload: str, fps: int) -> dict[str, Measurement]:
+        """The measurements of one workload by engine."""
+        return {one.engine: one for one in self.measurements if (one.workload, one.fps) == (workload, fps)}
 
-    def rates(self) -> list[int]:
-        """The frame rates that were measured."""
+    def frame_rates(self) -> list[int]:
+        """The measured frame rates."""
         return list(dict.fromkeys(one.fps for one in self.measurements))
 
 
-def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
+def run_info(options: Mapping[str, Any]) -> dict[str, Any]:
     """Machine, versions, commit and options."""
     return {
         "machine": {
@@ -78,27 +77,27 @@ def circumstances(options: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def disturbance(around: Mapping[str, Any]) -> list[str]:
-    """Say so if the machine was busy with something else when the run began."""
-    load = around["machine"]["load"]
-    if load <= QUIET:
+def load_warnings(info: Mapping[str, Any]) -> list[str]:
+    """A line if the machine was busy when the run began."""
+    load = info["machine"]["load"]
+    if load <= MAX_IDLE_LOAD:
         return []
-    return [
-        f"the machine was busy at the start (load {load:.1f}): ratios are worth more than figures, and less than usual"
-    ]
+    return [f"the machine was busy at the start (load {load:.1f}): trust ratios more than absolute figures"]
 
 
 def as_json(results: Results) -> str:
     """The whole run as JSON."""
     document = {
         "schema": SCHEMA,
-        **results.around,
+        **results.info,
         "problems": results.problems,
         "engines": results.engines,
         "measurements": [_row(one) for one in results.measurements],
         "startups": [asdict(one) for one in results.startups],
-        "growths": [{"what": one.what, "size": one.size, **_row(one.measured)} for one in results.growths],
-        "scales": [{"batch": one.batch, "players": one.players, **_row(one.measured)} for one in results.scales],
+        "scaling_size": [{"what": one.what, "size": one.size, **_row(one.measured)} for one in results.scaling_size],
+        "scaling_batch": [
+            {"batch": one.batch, "players": one.players, **_row(one.measured)} for one in results.scaling_batch
+        ],
         "bytes_a_world": results.bytes_a_world,
         "decisions": [asdict(one) for one in results.decisions],
     }
@@ -111,41 +110,41 @@ def _row(one: Measurement) -> dict[str, Any]:
 
 
 def show(results: Results, console: Console) -> None:
-    """Print every table that the run has something for."""
-    for fps in results.rates():
-        if mixture := results.of(MIXED, fps):
+    """Print every table that has data."""
+    for fps in results.frame_rates():
+        if mixture := results.by_engine(MIXED, fps):
             console.print(mixture_table(mixture, fps))
-        if games := [game for game in iphyre_jax.GAMES if results.of(game, fps)]:
+        if games := [game for game in iphyre_jax.GAMES if results.by_engine(game, fps)]:
             console.print(game_table(results, games, fps))
     if results.startups:
         console.print(startup_table(results.startups))
-    if results.growths:
-        console.print(growth_table(results.growths))
-    if results.scales:
-        console.print(scaling_table(results.scales))
+    if results.scaling_size:
+        console.print(size_table(results.scaling_size))
+    if results.scaling_batch:
+        console.print(batch_table(results.scaling_batch))
     if results.bytes_a_world:
         console.print(bytes_table(results.bytes_a_world))
     for fps in dict.fromkeys(one.fps for one in results.decisions):
-        console.print(deciding_table([one for one in results.decisions if one.fps == fps], fps))
+        console.print(decision_table([one for one in results.decisions if one.fps == fps], fps))
     for problem in results.problems:
         console.print(problem, highlight=False)
 
 
 def table(title: str, *columns: str) -> Table:
     """An empty table whose first column is text."""
-    made = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), min_width=len(title))
+    grid = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), min_width=len(title))
     for k, column in enumerate(columns):
-        made.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
-    return made
+        grid.add_column(column, justify="right" if k else "left", no_wrap=k == 0)
+    return grid
 
 
 def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
-    """All engines on all games in equal parts."""
+    """All engines on the mixture of games."""
     title = f"Games mixed, {fps} fps: million steps a second"
-    made = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
+    grid = table(title, "engine", "median", "spread", "x pymunk", "same step", "solved", "compile s", "episodes")
     base = mixture.get(STEPPING)
     for name, one in mixture.items():
-        made.add_row(
+        grid.add_row(
             name,
             millions(one.rate),
             f"{millions(min(one.rates))} - {millions(max(one.rates))}",
@@ -155,61 +154,61 @@ def mixture_table(mixture: Mapping[str, Measurement], fps: int) -> Table:
             f"{one.compile_seconds:.1f}",
             str(one.episodes),
         )
-    return made
+    return grid
 
 
 def game_table(results: Results, games: Sequence[str], fps: int) -> Table:
-    """Every game: steps a second of all engines, and how many times pymunk's."""
-    names = list(dict.fromkeys(name for game in games for name in results.of(game, fps)))
+    """Every game: steps a second of all engines, and ours as multiples of pymunk's."""
+    names = list(dict.fromkeys(name for game in games for name in results.by_engine(game, fps)))
     ours = [name for name in names if name.startswith("iphyre_jax")]
     ratios = [f"{name.removeprefix('iphyre_jax ')} x pymunk" for name in ours]
-    made = table(f"Game by game, {fps} fps: million steps a second", "game", "moving", *names, *ratios)
+    grid = table(f"Game by game, {fps} fps: million steps a second", "game", "moving", *names, *ratios)
     for game in games:
-        found = results.of(game, fps)
+        found = results.by_engine(game, fps)
         cells = [millions(found[name].rate) if name in found else "-" for name in names]
         times = [f"{ratio(found[n], found[STEPPING]):.3g}" if {n, STEPPING} <= found.keys() else "-" for n in ours]
-        made.add_row(game, str(int(iphyre_jax.load_scene(game).dynamic.sum())), *cells, *times)
-    return made
+        grid.add_row(game, str(int(iphyre_jax.load_scene(game).dynamic.sum())), *cells, *times)
+    return grid
 
 
 def startup_table(startups: Sequence[Startup]) -> Table:
     """Seconds from the start of a process to its first result."""
     title = f"Seconds from process start to the first result, float32, {startups[0].batch} worlds"
-    made = table(title, "games", "moving", "empty cache", "CPU s", "warm cache", "CPU s")
+    grid = table(title, "games", "moving", "empty cache", "CPU s", "warm cache", "CPU s")
     for one in startups:
         pairs = zip((one.empty, one.warm), one.processor, strict=True)
-        made.add_row(one.work, str(one.moving), *(f"{seconds:.1f}" for pair in pairs for seconds in pair))
-    return made
+        grid.add_row(one.workload, str(one.moving), *(f"{seconds:.1f}" for pair in pairs for seconds in pair))
+    return grid
 
 
-def growth_table(growths: Sequence[Growth]) -> Table:
-    """What a step costs as scenes and episodes grow."""
-    made = table(
+def size_table(scaling_size: Sequence[SizeScaling]) -> Table:
+    """The cost of a step as scenes and episodes grow."""
+    grid = table(
         "Balls at rest on fixed bars, 10 fps, float32", "grows", "size", "million steps a second", "CPU ns a step"
     )
-    for one in growths:
-        made.add_row(one.what, str(one.size), millions(one.measured.rate), f"{1e9 * one.measured.step_cost:.3g}")
-    return made
+    for one in scaling_size:
+        grid.add_row(one.what, str(one.size), millions(one.measured.rate), f"{1e9 * one.measured.step_cost:.3g}")
+    return grid
 
 
-def scaling_table(scales: Sequence[Scale]) -> Table:
-    """Million steps a second by batch and players, beside the first player, and the last one's memory."""
-    first, *others = dict.fromkeys(one.players for one in scales)
+def batch_table(scaling_batch: Sequence[BatchScaling]) -> Table:
+    """Steps a second by batch and players, as multiples of the first players' too, and the last players' memory."""
+    first, *others = dict.fromkeys(one.players for one in scaling_batch)
     heads = [head for name in others for head in (name, f"x {first}")]
-    made = table("Games mixed, 10 fps, float32: million steps a second", "batch", first, *heads, "CPU ns a step", "MB")
-    for batch in dict.fromkeys(one.batch for one in scales):
-        by = {one.players: one.measured for one in scales if one.batch == batch}
+    grid = table("Games mixed, 10 fps, float32: million steps a second", "batch", first, *heads, "CPU ns a step", "MB")
+    for batch in dict.fromkeys(one.batch for one in scaling_batch):
+        by = {one.players: one.measured for one in scaling_batch if one.batch == batch}
         cells = [cell for n in others for cell in (millions(by[n].rate), f"{ratio(by[n], by[first]):.2f}")]
         last = by[(first, *others)[-1]]
-        made.add_row(
+        grid.add_row(
             str(batch), millions(by[first].rate), *cells, f"{1e9 * last.step_cost:.3g}", f"{last.memory / 1e6:.0f}"
         )
-    return made
+    return grid
 
 
 def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
-    """Bytes that a world carries from step to step; games of one layout together."""
-    made = table("Carried state, bytes a world", "float32", "float64", "moving", "objects", "games")
+    """Bytes that a world carries from step to step; games of equal size share a row."""
+    grid = table("Carried state, bytes a world", "float32", "float64", "moving", "objects", "games")
     layouts: dict[tuple[int, int, int], list[str]] = {}
     for game, by in sizes.items():
         moving = int(iphyre_jax.load_scene(game).dynamic.sum())
@@ -217,16 +216,19 @@ def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
     for (single, double, moving), games in sorted(layouts.items()):
         objects = [iphyre_jax.load_scene(game).n_objects for game in games]
         span = f"{min(objects)} - {max(objects)}" if min(objects) < max(objects) else str(objects[0])
-        made.add_row(str(single), str(double), str(moving), span, ", ".join(games))
-    made.columns[-1].justify = "left"
-    return made
+        grid.add_row(str(single), str(double), str(moving), span, ", ".join(games))
+    grid.columns[-1].justify = "left"
+    return grid
 
 
-def deciding_table(found: Sequence[Deciding], fps: int) -> Table:
-    """Physics steps a second under decisions on the fly; wall and cpu: as a share of plain simulation's."""
-    heads = ["simulate", *(f"{what} {clock}" for what in ("scan", "read", "kept") for clock in ("M/s", "wall", "cpu"))]
-    made = table(
-        f"On the fly, {fps} fps, float32: env.step in a scan; unroll, observations read, or kept too",
+def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
+    """Physics steps a second with decisions on the fly, and as a share of plain simulation's (wall, cpu)."""
+    heads = [
+        "simulate",
+        *(f"{what} {clock}" for what in ("scan", "reads", "keeps") for clock in ("M/s", "wall", "cpu")),
+    ]
+    grid = table(
+        f"On the fly, {fps} fps, float32: env.step in a scan; unroll that reads, or also keeps, observations",
         "games",
         *heads,
         "same step",
@@ -238,10 +240,14 @@ def deciding_table(found: Sequence[Deciding], fps: int) -> Table:
             for name in ("scan", "reads", "keeps")
             for cell in (millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}", f"{one.share(name, 1):.2f}")
         ]
-        made.add_row(
-            one.work, millions(one.rate("simulate", 0)), *cells, f"{100 * one.same_steps:.1f} %", f"{one.compiled:.1f}"
+        grid.add_row(
+            one.workload,
+            millions(one.rate("simulate", 0)),
+            *cells,
+            f"{100 * one.same_steps:.1f} %",
+            f"{one.compiled:.1f}",
         )
-    return made
+    return grid
 
 
 def millions(rate: float) -> str:

@@ -1,4 +1,4 @@
-"""From the start of a process to its first result, with an empty and with a warm compilation cache."""
+"""Time from the start of a process to its first result, with an empty and with a warm compilation cache."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class Startup:
     """Seconds from the start of a process to the result of its first batch.
 
     Attributes:
-        work: a game, or "mixed" for all forty.
-        moving: moving bodies; the most of any of the games.
+        workload: a game, or "mixed" for all forty.
+        moving: largest number of moving bodies in any of the games.
         batch: worlds.
-        empty: s, with an empty cache: compilation and the trial of the compiler options included.
-        warm: s, in a second process.
-        processor: processor seconds of either, which say more on a busy machine.
+        empty: s with an empty cache, compilation and the trial of compiler options included.
+        warm: s in a second process.
+        processor: processor seconds of both, which tell more on a busy machine.
     """
 
-    work: str
+    workload: str
     moving: int
     batch: int
     empty: float
@@ -38,19 +38,19 @@ class Startup:
     processor: tuple[float, float]
 
 
-def one_for_each_size() -> list[str]:
+def one_game_per_size() -> list[str]:
     """The first game with each number of moving bodies."""
     sizes = {game: int(iphyre_jax.load_scene(game).dynamic.sum()) for game in iphyre_jax.GAMES}
     return [next(game for game in sizes if sizes[game] == size) for size in sorted(set(sizes.values()))]
 
 
-def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Startup]], None]) -> None:
-    """Measure each job, the games of one process, in fresh processes.
+def measure_startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Startup]], None]) -> None:
+    """Measure each job in two fresh processes.
 
     Args:
-        jobs: names of games, those of each process.
+        jobs: the names of each job's games.
         batch: worlds.
-        done: called with what was found for each job.
+        done: called with the result of each job.
     """
     for games in jobs:
         with tempfile.TemporaryDirectory() as folder:
@@ -61,19 +61,19 @@ def startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Sta
 
 
 def _seconds(cache: str, batch: int, games: Sequence[str]) -> tuple[float, float]:
-    """Run one process until it has told its result; return seconds by the clock and of the processor."""
-    around = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-m", "benchmarks.workers.first_result", cache, str(batch), *games]
+    """Run one process until it prints its result; return wall-clock and processor seconds."""
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-m", "benchmarks.workers.time_to_first_result", cache, str(batch), *games]
     begin, used = time.perf_counter(), _used()
-    with subprocess.Popen(command, env=around, text=True, stdout=subprocess.PIPE) as process:  # noqa: S603
-        answered = cast(IO[str], process.stdout).readline()
+    with subprocess.Popen(command, env=env, text=True, stdout=subprocess.PIPE) as process:  # noqa: S603
+        answer = cast(IO[str], process.stdout).readline()
         seconds = time.perf_counter() - begin
-    if not answered:
+    if not answer:
         raise RuntimeError(f"no first result of {', '.join(games)}: the process ended with {process.returncode}")
     return seconds, _used() - used
 
 
 def _used() -> float:
-    """Processor seconds of all processes that have ended under this one."""
+    """Processor seconds of all child processes that have ended."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime

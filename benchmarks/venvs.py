@@ -1,4 +1,4 @@
-"""Virtual environments of engines whose requirements clash with ours, made under build/ when first needed."""
+"""Virtual environments of engines whose requirements clash with ours, created under build/ when first needed."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ REQUIREMENTS = {
 
 
 def python_of(name: str) -> Path:
-    """Return the interpreter of an environment, which is made if it is missing or has other requirements.
+    """Return the interpreter of an environment; create it if it is missing or outdated.
 
     Args:
         name: a key of REQUIREMENTS.
 
     Raises:
-        RuntimeError: it cannot be made; one line.
+        RuntimeError: it cannot be created; one line.
     """
     folder, wanted = FOLDER / name, "\n".join(REQUIREMENTS[name]) + "\n"
     python, stamp = folder / "bin" / "python", folder / STAMP

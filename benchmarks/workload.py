@@ -1,4 +1,4 @@
-"""The work that every engine is given: plans of one game or of a mixture, from one recorded seed."""
+"""The workload of every engine: random plans of one game or of a mixture, from one recorded seed."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MIXED = "mixed"
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
+class Workload:
     """Episodes to play.
 
-    Rows go round the games: row r is plan r // G of game r % G, so that the first rows are always a
-    mixture too, and a cheap engine and a dear one share their first plans.
+    Row r is plan r // G of game r % G. So the first rows are a mixture too, and a slow engine plays the first plans of
+    a fast one.
 
     Attributes:
         name: a game, or "mixed".
@@ -44,36 +44,38 @@ class Work:
         """The most steps of an episode."""
         return round(self.duration * self.fps)
 
-    def first(self, rows: int) -> Work:
-        """The first so many rows."""
+    def first(self, rows: int) -> Workload:
+        """The same workload with only its first rows."""
         return replace(self, plans=self.plans[:rows])
 
     def shares(self, parts: int) -> list[NDArray[np.intp]]:
-        """Rows for each of several processes: whole rounds of the games in turn, so that all have equal work."""
+        """Rows for each of several processes; all get the same mixture of games."""
         owner = np.arange(len(self.plans)) // len(self.games) % parts
         return [np.flatnonzero(owner == part) for part in range(parts)]
 
     def job(self, rows: NDArray[np.intp]) -> dict[str, Any]:
-        """Some rows as the message that a worker understands."""
+        """Some rows as the `Job` of a worker, in JSON."""
         scenes = [scene_to_dict(game) for game in self.games]
         which = rows % len(self.games)
         return asdict(Job(scenes, which.tolist(), self.plans[rows].tolist(), self.fps, self.steps))
 
 
-def make_work(games: Sequence[SceneLike], rounds: int, fps: int, seed: int, duration: float = DURATION) -> Work:
-    """Draw plans as the comparison with the reference does.
+def make_workload(
+    games: Sequence[SceneLike], plans_per_game: int, fps: int, seed: int, duration: float = DURATION
+) -> Workload:
+    """Draw plans as the parity comparison does.
 
     Args:
         games: one name or Scene, or several for a mixture.
-        rounds: plans a game; the first removes nothing.
+        plans_per_game: the first of each game removes nothing.
         fps: physics steps a second.
         seed: of the plans.
         duration: s of an episode.
     """
     scenes = tuple(iphyre_jax.load_scene(game) for game in games)
-    plans = np.full((rounds, len(scenes), MAX_ELIMINABLE), -1, np.int32)
+    plans = np.full((plans_per_game, len(scenes), MAX_ELIMINABLE), -1, np.int32)
     for k, scene in enumerate(scenes):
-        drawn = random_plans(scene, rounds, fps, seed)
+        drawn = random_plans(scene, plans_per_game, fps, seed)
         plans[:, k, : drawn.shape[1]] = drawn
     name = scenes[0].name if len(scenes) == 1 else MIXED
-    return Work(name, scenes, fps, plans.reshape(-1, MAX_ELIMINABLE), duration)
+    return Workload(name, scenes, fps, plans.reshape(-1, MAX_ELIMINABLE), duration)

@@ -1,25 +1,24 @@
-"""``python -m parity``: compare the solver with the reference on random plans, print the tables, save the report."""
+"""``python -m parity``: compare the solver with pymunk on random plans, print the tables, save the report."""
 
 import math
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import iphyre_jax
 from iphyre_jax.physics import Topology
 from iphyre_jax.scenes.compile import topology_of
+from parity.command import options_as_json, progress_bar, report_console, require_at_least
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
-from parity.reports.report import circumstances, save
-from parity.reports.tables import LEGEND, headline, screen_table, sections, verdict_line
+from parity.reports.report import publish, run_info
+from parity.reports.tables import sections
 
 PLAYS_A_TASK = 256  # two full chunks
-REPORT_WIDTH = 120  # columns, where the output is not a terminal
 
 Rate = Literal[60, 10]
 Dtype = Literal["float64", "float32"]
@@ -30,7 +29,7 @@ class Options:
     """Compare the solver with pymunk: games x random plans x frame rates x types.
 
     Attributes:
-        games: the games to compare; all forty if none is named.
+        games: games to compare; by default all forty.
         unseen: compare the ten unseen basic layouts instead of the forty games.
         scene: scene files to compare instead of games.
         plans: random plans a game.
@@ -39,12 +38,12 @@ class Options:
         dtype: types to run ours in.
         resets: number of the reset to play in; the official learning environments play in the second.
         seed: seed of the plans.
-        duration: seconds a play lasts.
-        workers: processes that share the games.
-        disturbances: relative changes of gravity under which pymunk is compared with itself.
-        statistics: seconds of one play of each game in which energy, momentum and contacts are counted; 0 for none.
-        out: folder for the report: a page, Markdown and JSON.
-        name: their file name without its ending.
+        duration: seconds of a play.
+        workers: processes among which the games are shared.
+        perturbations: relative changes of gravity; under each, pymunk is compared with itself.
+        statistics: seconds of one play of each game in which to count energy, momentum and contacts; 0 for none.
+        out: folder of the report: a page, Markdown and JSON.
+        name: of these files, without the ending.
     """
 
     games: tuple[str, ...] = ()
@@ -58,34 +57,33 @@ class Options:
     seed: int = 0
     duration: float = DURATION
     workers: int = 2
-    disturbances: tuple[float, ...] = (1e-12, 1e-9, 1e-6)
+    perturbations: tuple[float, ...] = (1e-12, 1e-9, 1e-6)
     statistics: float = 5.0
     out: Path = field(default_factory=lambda: Path("parity") / "results")
     name: str = "parity"
 
 
 def scenes(options: Options) -> list[str]:
-    """The games' names and files that the options ask for."""
-    asked = [*options.games, *map(str, options.scene)]
+    """The names and files of the games to compare."""
+    chosen = [*options.games, *map(str, options.scene)]
     if options.unseen:
-        asked += iphyre_jax.SPLITS["unseen_basic"]
-    return asked or list(iphyre_jax.GAMES)
+        chosen += iphyre_jax.SPLITS["unseen_basic"]
+    return chosen or list(iphyre_jax.GAMES)
 
 
 def check(options: Options) -> None:
-    """Refuse what no comparison can be made of.
+    """Check the options.
 
     Raises:
-        ValueError: naming the option and what was expected.
+        ValueError: an option is wrong; the message names it and what was expected.
+        OSError: a scene file cannot be read.
     """
-    for name, least in (("plans", 1), ("resets", 1), ("workers", 1), ("seed", 0)):
-        if getattr(options, name) < least:
-            raise ValueError(f"--{name}: expected an integer of at least {least}, got {getattr(options, name)}")
+    require_at_least(options, plans=1, resets=1, workers=1, seed=0)
     if not 0 <= options.statistics < math.inf:
         raise ValueError(f"--statistics: expected seconds, at least 0, got {options.statistics}")
-    for part in options.disturbances:
+    for part in options.perturbations:
         if not 0 < abs(part) < 1:
-            raise ValueError(f"--disturbances: expected numbers between -1 and 1 but not 0, got {part}")
+            raise ValueError(f"--perturbations: expected numbers between -1 and 1 but not 0, got {part}")
     for name in ("fps", "dtype"):
         if not getattr(options, name):
             raise ValueError(f"--{name}: expected at least one value")
@@ -98,7 +96,7 @@ def check(options: Options) -> None:
 
 
 def tasks_of(options: Options) -> list[Task]:
-    """Put scenes of one topology together, so that they share chunks and programs; the costliest tasks come first."""
+    """Group scenes by topology, so that they share chunks and programs; the costliest tasks come first."""
     o = options
     groups: dict[Topology, list[str]] = {}
     for name in scenes(o):
@@ -109,56 +107,39 @@ def tasks_of(options: Options) -> list[Task]:
         for topology, names in groups.items()
         for start in range(0, len(names), size)
     ]
-    around = o.plans, o.fps, o.dtype, o.resets, o.seed, o.plan_set, o.duration, o.disturbances
+    settings = o.plans, o.fps, o.dtype, o.resets, o.seed, o.plan_set, o.duration, o.perturbations
     return [
-        Task(names, *around, statistics=o.statistics)
+        Task(names, *settings, statistics=o.statistics)
         for _, names in sorted(parts, key=lambda part: -part[0] * len(part[1]))
     ]
 
 
 def compare(options: Options, console: Console) -> list[GameResult]:
-    """Run the comparison with a progress bar; the results come in the order of the games."""
+    """Run the comparison and show its progress; return the results in the order of the games."""
     tasks = tasks_of(options)
-    found: dict[str, list[GameResult]] = {}
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    by_scene: dict[str, list[GameResult]] = {}
+    with progress_bar(console) as progress:
         bar = progress.add_task("games", total=len(scenes(options)))
         for index, results in compare_games(tasks, min(options.workers, len(tasks))):
             each = len(results) // len(tasks[index].scenes)
             for place, name in enumerate(tasks[index].scenes):
-                found[str(name)] = results[each * place : each * (place + 1)]
+                by_scene[str(name)] = results[each * place : each * (place + 1)]
             progress.update(bar, advance=len(tasks[index].scenes), description=results[-1].game)
-    return [result for name in scenes(options) for result in found[name]]
+    return [result for name in scenes(options) for result in by_scene[name]]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison, print and save it; 0 if every target is reached, 1 if not, 2 for bad options."""
+    """Run the comparison, print and save it; return 0 if every target is met, 1 if not, 2 for bad options."""
     options = tyro.cli(Options, args=arguments, prog="python -m parity")
-    console = Console(width=None if sys.stdout.isatty() else REPORT_WIDTH)
+    console = report_console()
     try:
         check(options)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
-    around = circumstances({name: plain(value) for name, value in asdict(options).items()})  # the commit that now runs
+    info = run_info(options_as_json(options))  # before the run, so that it names the commit that runs
     results = compare(options, console)
-    made = sections(results)
-    save(options.out, options.name, made, results, around)
-    for section in made:
-        console.print(screen_table(section))
-    console.print(LEGEND, highlight=False)
-    for section in made:
-        console.print(verdict_line(section), highlight=False, soft_wrap=True)
-    console.print(headline(made), highlight=False, soft_wrap=True)
-    console.print(f"saved as {options.out / options.name}.html, .md and .json", highlight=False, soft_wrap=True)
-    return int(any(section.missed for section in made))
-
-
-def plain(value: object) -> object:
-    """An option as JSON takes it."""
-    if isinstance(value, tuple):
-        return [plain(inner) for inner in value]
-    return str(value) if isinstance(value, Path) else value
+    return publish(options.out, options.name, sections(results), results, info, console)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""How far two sets of plays of the same plans are apart."""
+"""Compare two engines' plays of the same plans."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iphyre_jax import Simulation
 from parity.engines.trajectory import Trajectory
 from parity.tolerances import IN_PLAY_CENTRE_X, IN_PLAY_MAX_DX, IN_PLAY_MAX_Y
 
@@ -14,55 +14,32 @@ Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BIN = 0.1  # s: the course of an error is kept as its maximum in so long a time
-
-
-class Played(Protocol):
-    """What is compared with the reference: the fields of `iphyre_jax.Simulation` that this needs."""
-
-    @property
-    def success(self) -> NDArray[np.bool_]:
-        """(B,) solved."""
-
-    @property
-    def steps(self) -> NDArray[np.integer]:
-        """(B,) steps made."""
-
-    @property
-    def eliminations(self) -> NDArray[np.integer]:
-        """(B,) blocks removed."""
-
-    @property
-    def fault(self) -> NDArray[np.integer]:
-        """(B,) 0 where sound."""
-
-    @property
-    def samples(self) -> NDArray[np.floating] | None:
-        """(B, K, N, 3) poses after every step."""
+BIN = 0.1  # s: an error over time keeps the largest error of every such interval
 
 
 @dataclass(frozen=True, eq=False)
 class PlanComparison:
-    """One game's plans, ours against the reference; every array has one entry a plan (B,).
+    """The plans of one game, ours against the reference; every array has one entry a plan (B,).
 
     Attributes:
-        error: px, largest distance of a moving object from its reference while that is in play; inf where ours
-            faulted or is not finite.
-        angle_error: rad, the same of the angles.
-        course: (B, bins) px, float32, the largest such distance in every `BIN` seconds; NaN where nothing is in play.
+        error: px, largest distance of a moving object from its place in the reference while it is in play; inf if our
+            play ends in a fault or holds a value that is not finite.
+        angle_error: rad, the same for the angles.
+        error_over_time: (B, bins) px, float32, the largest such distance in every `BIN` seconds; NaN where nothing is
+            in play.
         identical: every pose of every moving object, in play or not, is equal bit for bit.
-        reference_success: solved in the reference.
-        reference_steps: steps the reference made.
-        success: solved in ours.
-        steps: steps ours made.
+        reference_success: the reference solves the game.
+        reference_steps: steps that the reference made.
+        success: ours solves the game.
+        steps: steps that ours made.
         same_eliminations: both removed the same number of blocks.
-        same_presence: the same objects were there at the same steps (where both ended with the same step).
+        same_presence: both held the same objects at every step (compared if both made equally many steps).
         fault: our fault code, 0 if sound.
     """
 
     error: Floats
     angle_error: Floats
-    course: NDArray[np.float32]
+    error_over_time: NDArray[np.float32]
     identical: Bools
     reference_success: Bools
     reference_steps: Ints
@@ -94,48 +71,48 @@ def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> tu
 
     Args:
         reference: (K, N, 3) poses.
-        ours: (K, N, 3) the same of the plays under test.
+        ours: (K, N, 3) poses of the play under test.
         moving: (N,) which objects move.
         last: index of the reference's last sample; later ones only repeat its last pose.
 
     Returns:
-        For every sample up to the last the two maxima over the moving objects that are in play in the reference,
-        (last + 1,) each, NaN where there is none. Not-finite poses of ours count as infinitely far.
+        Two arrays (last + 1,): for every sample the largest error of any moving object that is in play in the
+        reference, NaN if none is. A pose of ours that is not finite counts as infinitely far.
     """
     theirs, mine = reference[: last + 1, moving], ours[: last + 1, moving]
     offset = mine - theirs
     counted = in_play(theirs)
-    return _worst(np.hypot(offset[..., 0], offset[..., 1]), counted), _worst(np.abs(offset[..., 2]), counted)
+    return _largest(np.hypot(offset[..., 0], offset[..., 1]), counted), _largest(np.abs(offset[..., 2]), counted)
 
 
-def _worst(values: Floats, counted: Bools) -> Floats:
-    """Maximum over the counted objects of each sample."""
+def _largest(values: Floats, counted: Bools) -> Floats:
+    """Maximum over the counted objects of each sample, NaN without any."""
     values = np.where(np.isfinite(values), values, np.inf)
     most = np.max(np.where(counted, values, -1.0), axis=1, initial=-1.0)
     return np.where(most < 0, np.nan, most)
 
 
-def _overall(course: Floats) -> float:
-    return float(np.max(course[~np.isnan(course)], initial=0.0))
+def _overall(errors: Floats) -> float:
+    return float(np.max(errors[~np.isnan(errors)], initial=0.0))
 
 
-def binned(course: Floats, fps: float, samples: int) -> NDArray[np.float32]:
-    """The maximum of a course (steps + 1,) in every `BIN` seconds, (bins,) float32, NaN where it has no value.
+def binned(errors: Floats, fps: float, samples: int) -> NDArray[np.float32]:
+    """The largest error in every `BIN` seconds, (bins,) float32, NaN where there is none.
 
     Args:
-        course: errors after every step.
+        errors: (steps + 1,) after every step, NaN where nothing is in play.
         fps: physics steps a second.
-        samples: length of a whole course, K.
+        samples: length of a whole play, K.
     """
     width = max(1, round(BIN * fps))
     whole = np.full(-(-samples // width) * width, np.nan)
-    whole[: len(course)] = course
+    whole[: len(errors)] = errors
     filled = np.where(np.isnan(whole), -1.0, whole).reshape(-1, width).max(axis=1)
     return np.where(filled < 0, np.nan, filled).astype(np.float32)
 
 
 def compare_plans(
-    references: Sequence[Trajectory], ours: Played, moving: Bools, fps: float, every: int = 1
+    references: Sequence[Trajectory], ours: Simulation, moving: Bools, fps: float, every: int = 1
 ) -> PlanComparison:
     """Compare one game's plans.
 
@@ -150,7 +127,7 @@ def compare_plans(
         The comparison, one entry a plan.
 
     Raises:
-        ValueError: if our plays carry no samples, or not as many as the reference's.
+        ValueError: our plays carry no samples, or samples of another shape than the reference's.
     """
     if ours.samples is None:
         raise ValueError("samples: expected sampled plays, got none")
@@ -158,7 +135,7 @@ def compare_plans(
     if ours.samples.shape != expected:
         raise ValueError(f"samples: expected shape {expected}, got {ours.samples.shape}")
     pairs = [(one, other.astype(np.float64)) for one, other in zip(references, ours.samples, strict=True)]
-    courses = [play_errors(one.samples, samples, moving, one.steps // every) for one, samples in pairs]
+    errors = [play_errors(one.samples, samples, moving, one.steps // every) for one, samples in pairs]
     fault = np.asarray(ours.fault, dtype=np.int64)
     sound = fault == 0
     reference_steps = np.array([reference.steps for reference in references], dtype=np.int64)
@@ -166,9 +143,9 @@ def compare_plans(
     same_steps = np.asarray(ours.steps) == reference_steps
     same_poses = [np.array_equal(one.samples[:, moving], samples[:, moving]) for one, samples in pairs]
     return PlanComparison(
-        error=np.where(sound, [_overall(distance) for distance, _ in courses], np.inf),
-        angle_error=np.where(sound, [_overall(turn) for _, turn in courses], np.inf),
-        course=np.stack([binned(distance, fps / every, expected[1]) for distance, _ in courses]),
+        error=np.where(sound, [_overall(distance) for distance, _ in errors], np.inf),
+        angle_error=np.where(sound, [_overall(angle) for _, angle in errors], np.inf),
+        error_over_time=np.stack([binned(distance, fps / every, expected[1]) for distance, _ in errors]),
         identical=np.array(same_poses) & same_steps & sound,
         reference_success=np.array([reference.success for reference in references]),
         reference_steps=reference_steps,

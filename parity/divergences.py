@@ -1,4 +1,4 @@
-"""Plans that go astray, each with the step and the stage in which its first bit differs."""
+"""Plans whose plays diverge, each with the step and the stage of its first difference."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from parity.tolerances import TARGETS
 
 
 @dataclass(frozen=True)
-class Astray:
-    """One plan that ends otherwise or strays further than its target's limit.
+class DivergedPlan:
+    """One plan that ends differently in the two engines or exceeds its target's error.
 
     Attributes:
         game: the scene's name.
@@ -27,9 +27,10 @@ class Astray:
         reference: (solved, steps) in the reference.
         ours: the same in ours.
         fault: our fault code.
-        first_bit: where the first bit differs, both engines running free; None in float32, where all bits do, for a
-            fault, and where none is found in a world that is stepped alone.
-        first_stage: the first difference beyond a stage's tolerance, from the reference's own state; None as above.
+        first_bit: the first bit that differs while both engines run free; None in float32, where all bits differ,
+            after a fault, and if a world stepped alone shows no difference.
+        first_stage: the first difference beyond a stage's tolerance, each step starting from the reference's state;
+            None in the same cases.
     """
 
     game: str
@@ -45,8 +46,8 @@ class Astray:
     first_stage: Divergence | None = None
 
 
-def astray(comparison: PlanComparison, fps: int, dtype: str) -> NDArray[np.intp]:
-    """Indices of the plans that end differently or stray further than their target's limit."""
+def diverged_plans(comparison: PlanComparison, fps: int, dtype: str) -> NDArray[np.intp]:
+    """Indices of the plans that end differently or exceed their target's error."""
     c = comparison
     return np.flatnonzero(
         ~((c.error <= TARGETS[dtype, fps].error) & c.same_step & c.same_eliminations & c.same_presence)
@@ -64,28 +65,28 @@ def explain(
     resets: int,
     *,
     traced: bool,
-) -> Astray:
-    """Describe one plan that goes astray.
+) -> DivergedPlan:
+    """Describe one plan that diverges.
 
     Args:
         scene: the scene.
         eliminate_at: (B, S) the plans.
-        comparison: of all these plans.
+        comparison: of these plans.
         plan: index of the one to explain.
         fps: physics steps a second.
         dtype: the type ours ran in.
         steps: length of a play.
         resets: number of the reset.
-        traced: in float64, look for the step and the stage in which it begins; a fault explains itself.
+        traced: look for the step and the stage of the first difference, in float64 and unless there is a fault.
 
     Returns:
         The description.
     """
     c, row = comparison, eliminate_at[plan]
-    found: list[Divergence | None] = [None, None]
+    first: list[Divergence | None] = [None, None]
     if traced and dtype == "float64" and not c.fault[plan]:
-        found = [first_divergence(scene, row, fps=fps, steps=steps, resets=resets, exact=e) for e in (True, False)]
-    return Astray(
+        first = [first_divergence(scene, row, fps=fps, steps=steps, resets=resets, exact=e) for e in (True, False)]
+    return DivergedPlan(
         game=scene.name,
         fps=fps,
         dtype=dtype,
@@ -95,6 +96,6 @@ def explain(
         reference=(bool(c.reference_success[plan]), int(c.reference_steps[plan])),
         ours=(bool(c.success[plan]), int(c.steps[plan])),
         fault=int(c.fault[plan]),
-        first_bit=found[0],
-        first_stage=found[1],
+        first_bit=first[0],
+        first_stage=first[1],
     )

@@ -1,7 +1,8 @@
 """``python -m parity.golden`` writes short plays of every game in pymunk, for tests where pymunk is not installed.
 
-A file a game, NumPy's own format without pickle: for each frame rate the plans, their outcomes and the poses of the
-moving objects in float64 at every so many steps. Plans are those of the comparison (seed 0), the space is fresh.
+Each game has one file, in NumPy's format without pickle. For each frame rate it holds the plans, how they end, and
+the float64 poses of the moving objects at every few steps. The plans are those of `parity.plans` with seed 0; the
+space is fresh.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ EVERY = {60: 12, 10: 2}  # frame rate -> steps between samples
 
 @dataclass(frozen=True, eq=False)
 class Golden:
-    """A game's plays at one frame rate.
+    """Plays of one game at one frame rate.
 
     Attributes:
         fps: physics steps a second.
@@ -42,25 +43,26 @@ class Golden:
 
 
 def record(scene: Scene) -> list[Golden]:
-    """Play a game's plans in pymunk, at every rate."""
+    """Play a game's plans in pymunk at every rate."""
     from parity.engines.reference import run  # the only part that needs pymunk
 
-    made = []
+    recorded = []
     for fps, every in EVERY.items():
         plans = random_plans(scene, PLANS, fps, SEED)
         steps = round(DURATION * fps)
-        made.append(Golden(fps, plans, [run(scene, row, fps=fps, steps=steps, sample_every=every) for row in plans]))
-    return made
+        plays = [run(scene, row, fps=fps, steps=steps, sample_every=every) for row in plans]
+        recorded.append(Golden(fps, plans, plays))
+    return recorded
 
 
-def write(scene: Scene, made: list[Golden], folder: Path = FOLDER) -> Path:
-    """Write a game's file into a folder, which is made if it is missing.
+def write(scene: Scene, recorded: list[Golden], folder: Path = FOLDER) -> Path:
+    """Write a game's file; create the folder if it is missing.
 
     Returns:
         The file.
     """
     fields: dict[str, NDArray[np.generic]] = {}
-    for golden in made:
+    for golden in recorded:
         columns = {
             "eliminate_at": golden.eliminate_at,
             "success": np.array([play.success for play in golden.plays]),
@@ -79,40 +81,40 @@ def read(scene: Scene, folder: Path = FOLDER) -> list[Golden]:
     """Read a game's file.
 
     Raises:
-        OSError: there is no such file, or it cannot be read.
+        OSError: the file is missing or cannot be read.
     """
-    found = []
+    recorded = []
     with np.load(folder / f"{scene.name}.npz", allow_pickle=False) as file:
         for fps, every in EVERY.items():
             plans, success, steps, eliminations, poses = (
                 file[f"{name}_{fps}"] for name in ("eliminate_at", "success", "steps", "eliminations", "poses")
             )
             plays = [
-                Trajectory(bool(won), int(made), int(gone), _samples(scene, plan, int(made), every, moved))
-                for plan, won, made, gone, moved in zip(plans, success, steps, eliminations, poses, strict=True)
+                Trajectory(bool(solved), int(end), int(removed), _samples(scene, plan, int(end), every, moving))
+                for plan, solved, end, removed, moving in zip(plans, success, steps, eliminations, poses, strict=True)
             ]
-            found.append(Golden(fps, plans, plays))
-    return found
+            recorded.append(Golden(fps, plans, plays))
+    return recorded
 
 
 def _samples(
-    scene: Scene, plan: NDArray[np.int32], made: int, every: int, moved: NDArray[np.float64]
+    scene: Scene, plan: NDArray[np.int32], end: int, every: int, moving: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Poses of all objects, (K, N, 3): the moving ones as given, the others where the scene has them until removed."""
-    samples = np.zeros((len(moved), scene.n_objects, 3))
+    """Poses of all objects, (K, N, 3): moving ones as given, others at the scene's positions until removed."""
+    samples = np.zeros((len(moving), scene.n_objects, 3))
     samples[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    samples[:, scene.dynamic] = moved
+    samples[:, scene.dynamic] = moving
     for block, when in zip(scene.eliminable_blocks, plan.tolist(), strict=True):
-        if 0 <= when < made:
+        if 0 <= when < end:
             samples[when // every + 1 :, block] = np.nan
     return samples
 
 
 def compare(scene: Scene, golden: Golden, dtype: str = "float64") -> PlanComparison:
-    """Play a golden file's plans in ours and compare."""
+    """Play golden plans in our engine and compare."""
     every = EVERY[golden.fps]
-    given = {"fps": golden.fps, "duration": DURATION, "dtype": dtype, "sample_every": every}
-    ours = iphyre_jax.simulate(scene, golden.eliminate_at, **given)  # type: ignore[arg-type]  # values of all kinds
+    options = {"fps": golden.fps, "duration": DURATION, "dtype": dtype, "sample_every": every}
+    ours = iphyre_jax.simulate(scene, golden.eliminate_at, **options)  # type: ignore[arg-type]  # values of several types
     return compare_plans(golden.plays, ours, scene.dynamic, golden.fps, every)
 
 

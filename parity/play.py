@@ -1,4 +1,4 @@
-"""Play scenes' plans in the reference and in ours, and compare them."""
+"""Play the plans of scenes in both engines and compare."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import iphyre_jax
 from iphyre_jax import Scene, Simulation
 from parity.compare import BIN, PlanComparison, compare_plans
-from parity.divergences import Astray, astray, explain
+from parity.divergences import DivergedPlan, diverged_plans, explain
 from parity.engines.reference import run
 from parity.engines.trajectory import Trajectory
 from parity.plans import PlanSet, random_plans
@@ -24,20 +24,20 @@ DURATION = 15.0  # s, the length of an official play
 
 @dataclass(frozen=True)
 class Task:
-    """Scenes to compare, best of one topology: their plays share chunks.
+    """Scenes to compare, best of one topology, so that their plays share chunks.
 
     Attributes:
         scenes: games' names, paths of scene files, or scenes.
-        plans: number of random plans a scene.
-        rates: frame rates, each with plans of its own made from the same removal times.
+        plans: random plans a scene.
+        rates: frame rates; the same removal times in seconds become each one's plans.
         dtypes: types to run ours in.
         resets: number of the reset to play in.
         seed: seed of the plans.
         plan_set: which random plans, see `parity.plans.random_times`.
         duration: s, length of a play.
-        disturbances: relative changes of gravity under which the reference is played once more.
-        explained: how many of the plans of a scene that go astray in float64 are traced to their first difference.
-        statistics: s, how long one play of each scene is watched from inside; 0 for not at all.
+        perturbations: relative changes of gravity; the reference plays once more under each.
+        explained: how many of a scene's diverged plans in float64 are traced to their first difference.
+        statistics: s of one play of each scene in which energy, momentum and contacts are counted; 0 for none.
     """
 
     scenes: tuple[str | Scene, ...]
@@ -48,7 +48,7 @@ class Task:
     seed: int
     plan_set: PlanSet = "early"
     duration: float = DURATION
-    disturbances: tuple[float, ...] = ()
+    perturbations: tuple[float, ...] = ()
     explained: int = 3
     statistics: float = 0.0
 
@@ -62,10 +62,10 @@ class GameResult:
         fps: physics steps a second.
         dtype: the type ours ran in.
         eliminate_at: (B, S) the plans.
-        comparison: what came out.
-        sensitivity: by relative disturbance of gravity, the reference's disturbed plays against its own.
-        worst: the plan of the largest error in the reference and in ours; None where no pose in play differs.
-        astray: the plans that end differently or stray too far; the first ones of float64 explained.
+        comparison: how far they differ.
+        sensitivity: by relative change of gravity, the reference under that gravity against the reference.
+        worst: both engines' plays of the plan with the largest error; None if no pose in play differs.
+        diverged: the plans that diverge; in float64 the first ones are traced.
         statistics: energy, momentum and contacts of one play, if asked for.
     """
 
@@ -75,8 +75,8 @@ class GameResult:
     eliminate_at: NDArray[np.int32]
     comparison: PlanComparison
     sensitivity: dict[float, PlanComparison] = field(default_factory=dict)
-    worst: Worst | None = None
-    astray: tuple[Astray, ...] = ()
+    worst: WorstPlan | None = None
+    diverged: tuple[DivergedPlan, ...] = ()
     statistics: Pair | None = None
 
     @property
@@ -86,13 +86,13 @@ class GameResult:
 
 
 @dataclass(frozen=True, eq=False)
-class Worst:
-    """The play of one scene that went furthest astray, every `BIN` seconds.
+class WorstPlan:
+    """Both engines' plays of a scene's plan with the largest error, sampled every `BIN` seconds.
 
     Attributes:
         plan: its index.
-        reference: (K, N, 3) float32, poses of all objects in the reference.
-        ours: the same of ours.
+        reference: (K, N, 3) float32, poses of all objects.
+        ours: (K, N, 3) float32.
     """
 
     plan: int
@@ -108,8 +108,8 @@ def play_reference(
     return [run(scene, row, fps=fps, steps=steps, resets=resets, gravity=gravity) for row in eliminate_at]
 
 
-def as_played(trajectories: list[Trajectory]) -> Simulation:
-    """The reference's plays in the form of ours, to compare the reference with itself."""
+def as_simulation(trajectories: list[Trajectory]) -> Simulation:
+    """The reference's plays as a `Simulation`, to compare the reference with itself."""
     size = len(trajectories)
     return Simulation(
         success=np.array([one.success for one in trajectories]),
@@ -124,38 +124,38 @@ def as_played(trajectories: list[Trajectory]) -> Simulation:
 def play_ours(
     scenes: list[Scene], plans: list[NDArray[np.int32]], fps: int, dtype: str, task: Task
 ) -> Iterator[Simulation]:
-    """Play plans (B, S) of several scenes in shared chunks; one result a scene, sampled after every step."""
+    """Play plans (B, S) of several scenes in one call; yield one result a scene, sampled after every step."""
     which = np.repeat(np.arange(len(scenes)), [len(rows) for rows in plans])
     width = max(rows.shape[1] for rows in plans)
     table = np.concatenate([np.pad(rows, ((0, 0), (0, width - rows.shape[1])), constant_values=-1) for rows in plans])
-    given = {"fps": fps, "duration": task.duration, "dtype": dtype, "sample_every": 1, "resets": task.resets}
-    played = iphyre_jax.simulate_many(scenes, which, table, **given)  # type: ignore[arg-type]  # one dict of both kinds
+    options = {"fps": fps, "duration": task.duration, "dtype": dtype, "sample_every": 1, "resets": task.resets}
+    results = iphyre_jax.simulate_many(scenes, which, table, **options)  # type: ignore[arg-type]  # values of several types
     for index, scene in enumerate(scenes):
         rows = which == index
-        fields = {name: value[rows] for name, value in vars(played).items()}
+        fields = {name: value[rows] for name, value in vars(results).items()}
         yield Simulation(**fields | {"samples": fields["samples"][:, :, : scene.n_objects]})
 
 
 def compare_scenes(task: Task) -> list[GameResult]:
-    """Play and compare scenes at every rate and in every type; the reference plays once a rate.
+    """Play and compare scenes at every rate and in every type; the reference plays once for each rate.
 
     Args:
-        task: the scenes and the circumstances.
+        task: the scenes and how to play them.
 
     Returns:
-        One result for each scene, rate and type, in that nesting.
+        One result for each scene, rate and type, in that order.
 
     Raises:
-        ValueError: what `iphyre_jax.load_scene` and `iphyre_jax.simulate_many` raise.
-        FileNotFoundError: if a scene file is missing.
+        ValueError: from `iphyre_jax.load_scene` or `iphyre_jax.simulate_many`.
+        FileNotFoundError: a scene file is missing.
     """
     scenes = [iphyre_jax.load_scene(scene) for scene in task.scenes]
     results: dict[tuple[int, int, int], GameResult] = {}
     for r, fps in enumerate(task.rates):
         plans = [random_plans(scene, task.plans, fps, task.seed, task.plan_set) for scene in scenes]
-        around = fps, task.duration, task.resets
-        references = [play_reference(scene, rows, *around) for scene, rows in zip(scenes, plans, strict=True)]
-        senses = [_sensitivity(*game, task, fps) for game in zip(scenes, plans, references, strict=True)]
+        timing = fps, task.duration, task.resets
+        references = [play_reference(scene, rows, *timing) for scene, rows in zip(scenes, plans, strict=True)]
+        sensitivities = [_sensitivity(*game, task, fps) for game in zip(scenes, plans, references, strict=True)]
         for d, dtype in enumerate(task.dtypes):
             for s, ours in enumerate(play_ours(scenes, plans, fps, dtype, task)):
                 compared = compare_plans(references[s], ours, scenes[s].dynamic, fps)
@@ -165,26 +165,26 @@ def compare_scenes(task: Task) -> list[GameResult]:
                     dtype=dtype,
                     eliminate_at=plans[s],
                     comparison=compared,
-                    sensitivity=senses[s],
+                    sensitivity=sensitivities[s],
                     worst=_worst(references[s], ours, compared, fps),
-                    astray=_astray(scenes[s], plans[s], compared, fps, dtype, task),
+                    diverged=_diverged(scenes[s], plans[s], compared, fps, dtype, task),
                     statistics=_statistics(scenes[s], plans[s], fps, task) if d == 0 else None,
                 )
     return [results[key] for key in sorted(results)]
 
 
-def _astray(
+def _diverged(
     scene: Scene, plans: NDArray[np.int32], compared: PlanComparison, fps: int, dtype: str, task: Task
-) -> tuple[Astray, ...]:
+) -> tuple[DivergedPlan, ...]:
     steps = round(task.duration * fps)
     return tuple(
         explain(scene, plans, compared, int(plan), fps, dtype, steps, task.resets, traced=number < task.explained)
-        for number, plan in enumerate(astray(compared, fps, dtype))
+        for number, plan in enumerate(diverged_plans(compared, fps, dtype))
     )
 
 
 def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) -> Pair | None:
-    """Watch the first plan that removes something."""
+    """Count in the first plan that removes something."""
     plan = min(1, len(plans) - 1)
     steps = round(min(task.statistics, task.duration) * fps)
     return play_statistics(scene, plans[plan], plan=plan, fps=fps, steps=steps, resets=task.resets) if steps else None
@@ -193,37 +193,37 @@ def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) ->
 def _sensitivity(
     scene: Scene, eliminate_at: NDArray[np.int32], references: list[Trajectory], task: Task, fps: int
 ) -> dict[float, PlanComparison]:
-    """The reference under disturbed gravity against itself."""
-    found = {}
-    for part in task.disturbances:
-        disturbed = play_reference(scene, eliminate_at, fps, task.duration, task.resets, 1.0 + part)
-        found[part] = compare_plans(references, as_played(disturbed), scene.dynamic, fps)
-    return found
+    """The reference under each perturbed gravity against itself."""
+    compared = {}
+    for part in task.perturbations:
+        perturbed = play_reference(scene, eliminate_at, fps, task.duration, task.resets, 1.0 + part)
+        compared[part] = compare_plans(references, as_simulation(perturbed), scene.dynamic, fps)
+    return compared
 
 
-def _worst(references: list[Trajectory], ours: Simulation, comparison: PlanComparison, fps: int) -> Worst | None:
-    assert ours.samples is not None  # noqa: S101  they were asked for
+def _worst(references: list[Trajectory], ours: Simulation, comparison: PlanComparison, fps: int) -> WorstPlan | None:
+    assert ours.samples is not None  # noqa: S101  `play_ours` samples
     plan, every = int(comparison.error.argmax()), max(1, round(BIN * fps))
     if not comparison.error[plan]:
         return None
     pair = references[plan].samples, ours.samples[plan]
-    return Worst(plan, *(samples[::every].astype(np.float32) for samples in pair))
+    return WorstPlan(plan, *(samples[::every].astype(np.float32) for samples in pair))
 
 
 def compare_games(tasks: list[Task], workers: int) -> Iterator[tuple[int, list[GameResult]]]:
-    """Compare many scenes, in `workers` processes if that is more than 1.
+    """Compare many scenes, in this process or in several workers.
 
     Args:
         tasks: the scenes.
-        workers: processes to use.
+        workers: processes; 1 for this one.
 
     Yields:
-        The index of a task and its results, as each is done.
+        A task's index and its results, as soon as it is done.
     """
     if workers == 1:
         yield from enumerate(map(compare_scenes, tasks))
         return
-    # A fresh interpreter a worker: a forked one would inherit JAX's threads in an undefined state.
+    # A forked worker would inherit JAX's threads in an undefined state.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         pending = {pool.submit(compare_scenes, task): index for index, task in enumerate(tasks)}
         for future in as_completed(pending):

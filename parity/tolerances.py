@@ -1,32 +1,32 @@
-"""Every tolerance and every target of the comparison, each with its reason."""
+"""Every tolerance and target of the comparison, each with its reason."""
 
 from dataclasses import dataclass
 
 # --- when a position counts -----------------------------------------------------------------------------------------
-# A body that has left the picture only falls on and magnifies old differences, and no outcome depends on it.
+# A body that has left the picture only falls further. It magnifies old differences, and no outcome depends on it.
 IN_PLAY_MAX_Y = 620.0  # px: a bar's thickness below the goal line at y = 600
 IN_PLAY_CENTRE_X = 300.0  # px: the middle of the 600 px picture
 IN_PLAY_MAX_DX = 400.0  # px: 100 px beyond either side of the picture
 
-# --- the shares that are reported, px -------------------------------------------------------------------------------
+# --- errors whose shares are reported, px -----------------------------------------------------------------------------
 SHARE_LIMITS = (1e-9, 1e-6, 1e-3, 1.0)
 
 # --- float64, whole games -------------------------------------------------------------------------------------------
-# Every operation rounds as the reference's, so a play is equal bit for bit; sine, cosine and the exponentials of the
-# host's library are the only places where another machine may differ in a last bit. Where that is not amplified by a
-# knife edge it stays below 1e-9 px.
+# Every operation rounds as the reference's does, so plays are equal bit for bit. Only sine, cosine and exponentials
+# come from the host's library; on another machine they may differ in the last bit. Such a difference stays below
+# 1e-9 px unless a knife edge amplifies it.
 EXACT_ERROR = 1e-6  # px
 TIGHT_ERROR = 1e-9  # px
 
 
 @dataclass(frozen=True)
 class Target:
-    """What one table (one frame rate, one type) must reach.
+    """What the table of one frame rate and type must reach.
 
     Attributes:
         error: px, the error a plan must stay within to count.
         share: share of all plans within `error`, in [0, 1].
-        game_share: share of every single game's plans within `error`.
+        game_share: share of the plans of each single game within `error`.
         flag: share of plans with the same success flag.
         step: share of plans with the same success step.
         tight: share of plans within `TIGHT_ERROR`.
@@ -42,8 +42,8 @@ class Target:
     identical: float = 0.0
 
 
-# In float32 a last bit is 6e-5 px, which every bounce magnifies; these shares are about what the reference itself
-# reaches when it is compiled in float32.
+# The last bit of a float32 is 6e-5 px, and every bounce magnifies it. The reference compiled in float32 reaches about
+# the same shares.
 FLOAT32_FLAG = 0.995
 
 TARGETS: dict[tuple[str, int], Target] = {
@@ -54,14 +54,14 @@ TARGETS: dict[tuple[str, int], Target] = {
 }
 
 # --- float64, random scenes -----------------------------------------------------------------------------------------
-# Exactly touching and exactly symmetric starts stand on knife edges: the reference rebuilt with fused multiply-adds
-# agrees with itself in 95 to 96 % of such plays.
+# Exactly touching and exactly symmetric starts are knife edges: even the reference compiled with fused multiply-adds
+# agrees with the reference in only 95 to 96 % of such plays.
 RANDOM_SHARE = 0.98
 RANDOM_STEP = 0.998
 
 # --- float64, stage by stage ----------------------------------------------------------------------------------------
-# One step from the reference's own state: what is left is the order of a few roundings. The unit is that of the
-# quantity (px, px/s, impulse per unit mass); values reach 1e3, so 1e-9 is some 1e4 roundings.
+# One step from the reference's own state: only a few roundings can differ in order. Each tolerance has the unit of its
+# quantity (px, px/s, impulse per unit mass). Values reach 1e3, so 1e-9 is some 1e4 roundings.
 STAGE_POSITION = 1e-9  # px and rad
 STAGE_NORMAL = 1e-9  # unit vectors
 STAGE_POINT = 1e-9  # px
@@ -71,20 +71,19 @@ STAGE_IMPULSE = 1e-7  # ten sweeps over stacked contacts magnify the roundings o
 STAGE_VELOCITY = 1e-7  # px/s and rad/s, from those impulses; a bar's inverse moment times its arm is about 1
 
 # --- the sample in the test suite -----------------------------------------------------------------------------------
-# 30 to 90 plays: too few for the targets' last percent, so a play on a knife edge may stray (float64), and float32 may
-# miss its share by its own spread (three standard deviations of 60 plays at 0.9).
+# 30 to 90 plays are too few for the last percent of a target: in float64 one play on a knife edge may diverge, and
+# float32 may miss its share by three standard deviations of 60 plays at 0.9.
 SAMPLE_SHARES = {"float64": 0.96, "float32": 0.78}
 SAMPLE_FLOAT32_FLAG = 0.98  # one play in 60 may end otherwise
 
-# The golden files: so many of their plays must be equal bit for bit where this is written (x86-64, jaxlib 0.10.2).
-# Another processor's or compiler's sine, cosine or rounding may differ, which costs bits but not the 1e-6 px.
+# The share of plays that equal the golden files bit for bit on x86-64 with jaxlib 0.10.2. Sine, cosine or rounding may
+# differ with another processor or compiler; that costs bits, but not the 1e-6 px.
 GOLDEN_IDENTICAL = 0.9
 
-# Observations of the environments, lengths being divided by 600 px: float32 resolves 6e-8 there, and in float64 the
-# poses agree to 1e-6 px.
+# Observations of the environments, in units of 600 px: float32 resolves 6e-8, and in float64 poses agree to 1e-6 px.
 OBSERVATION = 1e-6
 
-# Pictures of the starts, shares of pixels of another colour. Our edges are anti-aliased, the official ones are not;
-# away from edges and marks there are springs, whose zigzag differs, and slanted bars, which pygame draws thinner.
+# Pictures of the starts: shares of pixels with another colour. Our edges are anti-aliased, the official ones are not.
+# Away from edges and marks, springs zigzag differently, and pygame draws slanted bars thinner.
 PICTURE_ALL = 0.01
 PICTURE_INNER = 0.001

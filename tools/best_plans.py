@@ -1,6 +1,6 @@
 """Search the forty games for good plans at 60 steps a second and write `iphyre_jax/viewer/best_plans.json`.
 
-Takes some minutes. A game whose plan in the file is as good or better keeps it.
+It takes some minutes. A game keeps its plan in the file unless the search finds a better one.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _known() -> dict[str, dict[str, Any]]:
-    """Return the lines of the file as it is, by game."""
+    """The plays in the file, by game."""
     if not FILE.is_file():
         return {}
     return {line["scene"]: line for line in json.loads(FILE.read_text("utf-8"))["plays"]}

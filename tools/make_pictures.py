@@ -12,11 +12,11 @@ from iphyre_jax.viewer.sheets import contact_sheet, start_of
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SOLVED = "fill"
-MAX_BYTES = 400_000  # of one file: they are in the repository
+MAX_BYTES = 400_000  # of one file, because the repository holds them
 
 
 def main() -> None:
-    """Write a film of a solved game, the contact sheet of the forty games, and how the best plans known end."""
+    """Write a film of a solved game and a contact sheet of the forty games; check the sizes of all pictures."""
     FOLDER.mkdir(exist_ok=True)
     save(FOLDER / "solved.gif", best_plays()[SOLVED].record(), Look(size=300, trails=True), hold=2)
     starts = [start_of(iphyre_jax.load_scene(game)) for game in iphyre_jax.GAMES]

@@ -1,7 +1,7 @@
 """Jax2D in a worker of its own environment: ``python -m benchmarks.workers.jax2d_player``.
 
-Only its speed compares, for its physics is another. A job of several games is padded to the most bars, balls and joints
-of any, as Jax2D means to be used: one `jax.vmap` over scenes of all kinds.
+Its physics differs, so only its speed is compared. The scenes of a job are padded to the most bars, balls and joints of
+any, because Jax2D is meant to be used with one `jax.vmap` over all scenes.
 """
 
 from functools import partial
@@ -15,18 +15,18 @@ from jax2d.engine import PhysicsEngine
 from jax2d.sim_state import SimParams, SimState
 
 from benchmarks.workers.jax2d_scenes import bars, places, room_for, state_of
-from benchmarks.workers.protocol import Job, Played, removed_before, reward, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, serve, with_rewards
 
 
 class Jax2D:
-    """`PhysicsEngine.step` under `jax.vmap` in a loop that ends when all episodes are over."""
+    """`PhysicsEngine.step` under `jax.vmap` in a loop until all episodes are done."""
 
     def versions(self) -> dict[str, str]:
-        """What the environment holds."""
+        """Versions of Jax2D and JAX."""
         return {name: version(name) for name in ("jax2d", "jax", "jaxlib")}
 
     def load(self, job: Job) -> None:
-        """Make the states and the program."""
+        """Build the states and the program."""
         self.job = job
         self.room = room_for(job.scenes)
         engine = PhysicsEngine(self.room)
@@ -53,40 +53,35 @@ class Jax2D:
         """Play all plans in one call."""
         self.played = jax.device_get(self.run(self.start, self.removal))
 
-    def outcome(self) -> Played:
-        """Steps and success as found, and the rewards that follow from them."""
+    def results(self) -> EpisodeResults:
+        """Steps, success, and the rewards computed from them."""
         steps, success = (values.tolist() for values in self.played)
-        fps = self.job.fps
-        rewards = [
-            reward(solved, removed_before(plan, made), made, fps)
-            for solved, made, plan in zip(success, steps, self.job.plans, strict=True)
-        ]
-        return Played(steps, success, rewards)
+        return with_rewards(self.job, steps, success)
 
 
 def _episodes(
     engine: PhysicsEngine, params: SimParams, limit: int, start: SimState, removal: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Play (B,) episodes; return the steps really made and the success."""
+    """Play (B,) episodes; return the steps made and the success."""
     room = engine.static_sim_params
     idle = jnp.zeros(room.num_joints + room.num_thrusters)
     step = jax.vmap(engine.step, in_axes=(0, None, None))
 
     def running(carry: tuple[Any, ...]) -> jax.Array:
-        k, _, _, over = carry
-        return (k < limit) & ~jnp.all(over)
+        k, _, _, done = carry
+        return (k < limit) & ~jnp.all(done)
 
     def once(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        k, state, steps, over = carry
+        k, state, steps, done = carry
         polygon = state.polygon.replace(active=state.polygon.active & (removal != k))
         state, _ = step(state.replace(polygon=polygon), params, idle)
         below = (state.circle.position[..., 1] < 0) | ~state.circle.active
-        return k + 1, state, steps + ~over, over | jnp.all(below, axis=1)
+        return k + 1, state, steps + ~done, done | jnp.all(below, axis=1)
 
     batch = removal.shape[0]
     begin = 0, start, jnp.zeros(batch, jnp.int32), jnp.zeros(batch, bool)
-    _, _, steps, over = jax.lax.while_loop(running, once, begin)
-    return steps, over
+    _, _, steps, done = jax.lax.while_loop(running, once, begin)
+    return steps, done
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Scenes of this benchmark as scenes of the same size in Jax2D.
+"""Scenes of this project as scenes of the same size in Jax2D.
 
-Jax2D is another engine: bars are boxes without round ends, a joint holds two bodies at a point, springs do not exist.
-As many bars, balls and joints stand at the same places, in metres of 100 px with y upwards, with the same masses.
+Jax2D differs: bars are boxes without round ends, a joint holds two bodies at one point, and there are no springs. Each
+scene gets the same number of bars, balls and joints at the same places with the same masses. A metre is 100 px, and y
+points up.
 """
 
 import math
@@ -21,12 +22,12 @@ FRICTION, RESTITUTION = 0.5, 0.1
 
 
 def bars(scene: dict[str, Any]) -> list[int]:
-    """For each bar 1 if it moves, else 0."""
+    """1 for each moving bar, 0 for each static bar."""
     return list(scene["dynamic"][: len(scene["block"])])
 
 
 def room_for(scenes: list[dict[str, Any]]) -> StaticSimParams:
-    """The least room that holds any of the scenes; Jax2D wants two circles and one moving thing of each other kind."""
+    """Sizes that hold every scene; Jax2D needs at least two circles and one moving object of each other kind."""
 
     def most(count: Callable[[dict[str, Any]], int]) -> int:
         return max(count(scene) for scene in scenes)
@@ -42,7 +43,7 @@ def room_for(scenes: list[dict[str, Any]]) -> StaticSimParams:
 
 
 def places(scene: dict[str, Any], room: StaticSimParams) -> list[int]:
-    """Jax2D's index of each object: fixed bars first, moving bars behind their room, balls behind all bars."""
+    """Jax2D's index of each object: static bars, then, after their room, moving bars, then balls."""
     fixed, moving, found = 0, room.num_static_fixated_polys, []
     for dynamic in bars(scene):
         found.append(moving if dynamic else fixed)
@@ -51,7 +52,7 @@ def places(scene: dict[str, Any], room: StaticSimParams) -> list[int]:
 
 
 def point(x: float, y: float) -> list[float]:
-    """A point of the picture in metres."""
+    """A point of the picture, in metres."""
     return [x / SCALE, HEIGHT - y / SCALE]
 
 
@@ -72,12 +73,12 @@ def state_of(scene: dict[str, Any], room: StaticSimParams) -> SimState:
             "inverse_mass": dynamic[k],
             "inverse_inertia": dynamic[k] * BAR_INVERSE_INERTIA,
         }
-        _put(shapes["polygon"], place[k], shape)
+        _write_object(shapes["polygon"], place[k], shape)
     for k, (x, y, radius) in enumerate(scene["ball"]):
         centres[room.num_polygons + k] = point(x, y)
         inertia = (radius / SCALE) ** 2 / 2
         shape = {"position": point(x, y), "radius": radius / SCALE, "inverse_mass": 1, "inverse_inertia": 1 / inertia}
-        _put(shapes["circle"], k, shape)
+        _write_object(shapes["circle"], k, shape)
     joint = _joints(scene, place, centres, _fields(state.joint))
     state = state.replace(
         polygon=state.polygon.replace(**shapes["polygon"]),
@@ -89,12 +90,12 @@ def state_of(scene: dict[str, Any], room: StaticSimParams) -> SimState:
 
 
 def _fields(part: Any) -> dict[str, np.ndarray]:  # noqa: ANN401 - a class of Jax2D
-    """The arrays of a part of the state, to write to."""
+    """Writable copies of the arrays of a part of the state."""
     return {name: np.array(value) for name, value in vars(part).items()}
 
 
-def _put(fields: dict[str, np.ndarray], index: int, values: dict[str, Any]) -> None:
-    """Write an object, which is there and has the benchmark's material."""
+def _write_object(fields: dict[str, np.ndarray], index: int, values: dict[str, Any]) -> None:
+    """Write an active object of the games' material."""
     for name, value in {"active": True, "friction": FRICTION, "restitution": RESTITUTION, **values}.items():
         fields[name][index] = value
 
@@ -102,7 +103,7 @@ def _put(fields: dict[str, np.ndarray], index: int, values: dict[str, Any]) -> N
 def _joints(
     scene: dict[str, Any], place: list[int], centres: dict[int, list[float]], fields: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Write a joint in the middle between each joined pair."""
+    """Write a joint in the middle of each joined pair."""
     for k, (i, j) in enumerate(scene["joint"]):
         a, b = np.array(centres[place[i]]), np.array(centres[place[j]])
         values = {

@@ -1,25 +1,25 @@
 """The official class in a worker of its own environment: ``python -m benchmarks.workers.official``.
 
-`IPHYRE.step` is called once a step, as its learning environments do: it steps, rewards, looks for success and returns
-the observation. A click takes a block; where a plan removes several blocks before one step, all but the last are
-removed by `eliminate` first.
+It calls `IPHYRE.step` once a step, as the official learning environments do: that steps, rewards, checks for success
+and returns the observation. A click removes one block. If a plan removes several blocks before one step, `eliminate`
+removes all but the last first.
 """
 
 from importlib.metadata import version
 
 from iphyre.simulator import IPHYRE
 
-from benchmarks.workers.protocol import Job, Played, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, serve
 
 NOTHING = [0.0, 0.0]  # the click that removes no block
 REMOVAL = -10.0
 
 
 class Official:
-    """iphyre's own class, a new one for each episode: what went on in an older space would change contact orders."""
+    """The official class, a new one for each episode, because a used space orders contacts differently."""
 
     def versions(self) -> dict[str, str]:
-        """What the environment holds."""
+        """Versions of iphyre, pymunk and NumPy."""
         return {name: version(name) for name in ("iphyre", "pymunk", "numpy")}
 
     def load(self, job: Job) -> None:
@@ -45,21 +45,21 @@ class Official:
     def _episode(self, name: str, due: dict[int, list[list[float]]]) -> tuple[int, bool, float]:
         game = IPHYRE(name, fps=self.job.fps)
         game.reset()
-        total, made, done = 0.0, 0, False
-        while made < self.job.steps and not done:
-            *others, click = due.get(made) or [NOTHING]
+        total, steps, done = 0.0, 0, False
+        while steps < self.job.steps and not done:
+            *others, click = due.get(steps) or [NOTHING]
             for other in others:
                 game.eliminate(other)
                 total += REMOVAL
             _, gain, done = game.step(click)
             total += gain
-            made += 1
-        return made, bool(done), total
+            steps += 1
+        return steps, bool(done), total
 
-    def outcome(self) -> Played:
-        """Steps, success and the sum of the class's own rewards."""
+    def results(self) -> EpisodeResults:
+        """Steps, success and the sums of the class's own rewards."""
         steps, success, reward = zip(*self.played, strict=True)
-        return Played(list(steps), list(success), list(reward))
+        return EpisodeResults(list(steps), list(success), list(reward))
 
 
 if __name__ == "__main__":

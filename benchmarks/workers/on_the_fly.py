@@ -1,9 +1,9 @@
-"""Decisions on the fly beside plain simulation: ``python -m benchmarks.workers.on_the_fly FPS WORLDS TURNS GAME...``.
+"""Decisions on the fly beside plain simulation: ``python -m benchmarks.workers.on_the_fly FPS WORLDS REPEATS GAME...``.
 
-A random policy plays whole episodes in every world; the plans that come of its actions are then played by
-`simulate_many`, so both make the same physics steps. The policy adds up all numbers of each observation with weights,
-for a policy that looked at nothing would let the compiler leave the observations out. A second one also keeps them.
-Beside them the loop of a user: a `lax.scan` over `jax.vmap(env.step)` with autoreset, actions and keys given.
+A random policy plays whole episodes in every world. `simulate_many` then plays the plans that result from its actions,
+so both make the same physics steps. The policy reads each observation as a weighted sum; otherwise the compiler could
+leave the observations out. A second policy also returns them. A third variant is a user's own loop: a `lax.scan` over
+`jax.vmap(env.step)` with autoreset and with given actions and keys.
 """
 
 import json
@@ -24,20 +24,20 @@ from iphyre_jax.envs.protocols import PROTOCOLS
 CHANCE = 0.06  # of a click at a slot, at each decision
 
 
-def reads(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
-    """Click at random; what is seen counts, though it never changes anything."""
+def reads(weights: jax.Array, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, Any]:
+    """Click at random; the observation is read but never changes the action."""
     drawn = jax.random.uniform(key)
     slot = (drawn * (6 / CHANCE)).astype(jnp.int32) + 1
-    return jnp.where((drawn < CHANCE) & (seen @ weights < jnp.inf), slot, 0), ()
+    return jnp.where((drawn < CHANCE) & (obs @ weights < jnp.inf), slot, 0), ()
 
 
-def keeps(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
-    """Do the same and keep the observation."""
-    return reads(weights, key, seen)[0], seen
+def keeps(weights: jax.Array, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, Any]:
+    """Do the same and return the observation too."""
+    return reads(weights, key, obs)[0], obs
 
 
 def plans(environment: Environment, games: np.ndarray[Any, Any], steps: Steps) -> np.ndarray[Any, Any]:
-    """Return the step before which each block goes, (B, 6), -1 for never, of the actions of whole episodes."""
+    """The plans of the actions of whole episodes: (B, 6) step before which each block is removed, -1 for never."""
     action = np.asarray(steps.action)
     blocks = [len(iphyre_jax.load_scene(game).eliminable_blocks) for game in environment.games]
     clicked = action[:, :, None] == np.arange(1, 7)
@@ -49,24 +49,24 @@ def plans(environment: Environment, games: np.ndarray[Any, Any], steps: Steps) -
 def scan(
     environment: Environment, params: EnvParams, state: EnvState, keys: jax.Array, actions: jax.Array
 ) -> tuple[EnvState, tuple[jax.Array, ...]]:
-    """Step all worlds with actions (T, B): the last state; time, end and the sum of the observation, (T, B) each."""
+    """Step all worlds with actions (T, B); return the last state, and time, end and sum of the observation, (T, B)."""
 
-    def turn(state: EnvState, given: tuple[jax.Array, jax.Array]) -> tuple[EnvState, tuple[jax.Array, ...]]:
+    def step(state: EnvState, given: tuple[jax.Array, jax.Array]) -> tuple[EnvState, tuple[jax.Array, ...]]:
         out = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)
         return out[1], (out[5]["time"], out[3] | out[4], out[0].sum(axis=1))
 
-    return jax.lax.scan(turn, state, (keys, actions))
+    return jax.lax.scan(step, state, (keys, actions))
 
 
-def timed(work: Callable[[], object]) -> tuple[float, float]:
+def timed(variant: Callable[[], object]) -> tuple[float, float]:
     """Return wall-clock and processor seconds."""
     wall, cpu = time.perf_counter(), time.process_time()
-    jax.block_until_ready(work())
+    jax.block_until_ready(variant())
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
-def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
-    """Measure all in turns and tell it as one line of JSON."""
+def main(fps: int, worlds: int, repeats: int, games: list[str]) -> None:
+    """Measure all variants in turns and print one line of JSON."""
     protocol = next(protocol for protocol in PROTOCOLS.values() if protocol.fps == fps)
     iphyre_jax.register("measured-v1", games)
     env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name, autoreset=False)
@@ -74,31 +74,31 @@ def main(fps: int, worlds: int, turns: int, games: list[str]) -> None:
     weights, key, order = jnp.ones(env.observation_space().shape), jax.random.key(0), np.asarray(batch.game)
     play = partial(unroll, decisions=env.strategy.decisions)
     _, steps = play(env, reads, weights, batch, key)
-    plan, made = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
+    plan, end_step = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
     simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)
-    again, _ = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name)
+    autoreset, _ = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name)
     keys = jax.random.split(key, (env.strategy.decisions, worlds))
     begin = time.perf_counter()
-    scan.lower(again, params, batch.state, keys, steps.action).compile()
+    scan.lower(autoreset, params, batch.state, keys, steps.action).compile()
     compiled = time.perf_counter() - begin
-    works: dict[str, Callable[[], object]] = {
+    variants: dict[str, Callable[[], object]] = {
         "simulate": simulate,
-        "scan": lambda: scan(again, params, batch.state, keys, steps.action),
+        "scan": lambda: scan(autoreset, params, batch.state, keys, steps.action),
         "reads": lambda: play(env, reads, weights, batch, key),
         "keeps": lambda: play(env, keeps, weights, batch, key),
     }
-    same = float((simulate().steps == made).mean())
-    until, ended, _ = map(np.asarray, scan(again, params, batch.state, keys, steps.action)[1])
-    works["keeps"]()
-    since = np.where(ended[:-1], 0, until[:-1])
-    count = dict.fromkeys(works, int(made.sum()))
-    count["scan"] = int(np.rint((until.sum() - since.sum()) * fps))
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
-    for _ in range(turns):
-        for name, work in works.items():
-            seconds[name].append(timed(work))
-    told = {"steps": count, "same_steps": same, "seconds": seconds, "compiled": compiled}
-    print(json.dumps(told), flush=True)
+    same = float((simulate().steps == end_step).mean())
+    clock, ended, _ = map(np.asarray, scan(autoreset, params, batch.state, keys, steps.action)[1])
+    variants["keeps"]()
+    since = np.where(ended[:-1], 0, clock[:-1])
+    count = dict.fromkeys(variants, int(end_step.sum()))
+    count["scan"] = int(np.rint((clock.sum() - since.sum()) * fps))
+    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in variants}
+    for _ in range(repeats):
+        for name, variant in variants.items():
+            seconds[name].append(timed(variant))
+    found = {"steps": count, "same_steps": same, "seconds": seconds, "compiled": compiled}
+    print(json.dumps(found), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """This project in a worker: ``python -m benchmarks.workers.ours DTYPE CORES [OPTION...]``.
 
-Options: "devices" plays on a mesh of so many devices instead of so many "threads"; "cache" keeps compiled programs in
-the user's folder, where nobody asks what compilation costs.
+Options: "devices" plays on a mesh of CORES devices, "threads" (the default) on as many threads. "cache" keeps compiled
+programs in the user's folder, for measurements that do not ask what compilation costs.
 """
 
 import os
@@ -12,23 +12,23 @@ import jax
 import numpy as np
 
 import iphyre_jax
-from benchmarks.workers.protocol import Job, Played, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, serve
 from iphyre_jax.scenes import scene_from_dict
 
 
 class Ours:
-    """`iphyre_jax.simulate_many`, a host function: stacking the worlds and fetching the results is in its time."""
+    """`iphyre_jax.simulate_many`; its time includes stacking the worlds and fetching the results."""
 
     def __init__(self, dtype: str, mesh: jax.sharding.Mesh | None = None) -> None:
         self.dtype, self.mesh = dtype, mesh
 
     def versions(self) -> dict[str, str]:
-        """JAX and what it was told."""
-        found = {name: version(name) for name in ("iphyre-jax", "jax", "jaxlib", "numpy")}
-        return {**found, "XLA_FLAGS": os.environ.get("XLA_FLAGS", "")}
+        """Versions of this project, JAX and NumPy, and XLA_FLAGS."""
+        packages = {name: version(name) for name in ("iphyre-jax", "jax", "jaxlib", "numpy")}
+        return {**packages, "XLA_FLAGS": os.environ.get("XLA_FLAGS", "")}
 
     def load(self, job: Job) -> None:
-        """Make the scenes."""
+        """Build the scenes."""
         self.fps, self.duration = job.fps, job.steps / job.fps
         self.scenes = [scene_from_dict(scene, "job") for scene in job.scenes]
         self.which, self.plans = np.array(job.which), np.array(job.plans)
@@ -48,14 +48,14 @@ class Ours:
             mesh=self.mesh,
         )
 
-    def outcome(self) -> Played:
-        """The simulation's result as lists."""
+    def results(self) -> EpisodeResults:
+        """The results as lists."""
         played = self.played
-        return Played(played.steps.tolist(), played.success.tolist(), played.reward.tolist())
+        return EpisodeResults(played.steps.tolist(), played.success.tolist(), played.reward.tolist())
 
 
 def main(dtype: str, cores: int, *options: str) -> None:
-    """Serve. Without a cache the first play of a job shows what compilation costs."""
+    """Serve. Without a cache the first play of a job includes compilation."""
     iphyre_jax.configure(devices=cores, cache=None if "cache" in options else False)
     serve(Ours(dtype, jax.make_mesh((cores,), ("worlds",)) if "devices" in options else None))
 

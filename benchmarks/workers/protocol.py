@@ -1,4 +1,4 @@
-"""What the driver and a worker say to each other: one line of JSON each way."""
+"""The protocol of driver and worker: one line of JSON each way."""
 
 import json
 import os
@@ -17,8 +17,8 @@ class Job:
 
     Attributes:
         scenes: scene files' contents, as dictionaries.
-        which: for each plan, its scene.
-        plans: for each plan, the step before which each eliminable block is removed, -1 for never; six columns.
+        which: index of each plan's scene.
+        plans: six columns; the step before which each eliminable block is removed, -1 for never.
         fps: physics steps a second.
         steps: the most steps of an episode.
     """
@@ -31,8 +31,8 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Played:
-    """What came out, one entry a plan: steps really made, success, reward."""
+class EpisodeResults:
+    """The results of a job, one entry a plan: steps made, success, reward."""
 
     steps: list[int]
     success: list[bool]
@@ -43,45 +43,44 @@ class Player(Protocol):
     """An engine in a worker."""
 
     def versions(self) -> dict[str, str]:
-        """Packages that matter for the speed."""
+        """Versions of the packages that matter for speed."""
         ...
 
     def load(self, job: Job) -> None:
-        """Take a job; everything that is done once for it."""
+        """Take a job and do everything that is done once for it."""
         ...
 
     def ready(self) -> None:
-        """Prepare one turn; not timed."""
+        """Prepare one play; not timed."""
         ...
 
     def play(self) -> None:
         """Play all plans of the job; timed."""
         ...
 
-    def outcome(self) -> Played:
-        """What the last turn came to."""
+    def results(self) -> EpisodeResults:
+        """The results of the last play."""
         ...
 
 
-def reward(success: bool, removed: int, steps: int, fps: int) -> float:
-    """The benchmark's reward of an episode."""
-    return 1000.0 * success - 10.0 * removed - steps / fps
-
-
-def removed_before(plan: list[int], steps: int) -> int:
-    """Blocks that a plan has removed after so many steps."""
-    return sum(0 <= at < steps for at in plan)
+def with_rewards(job: Job, steps: list[int], success: list[bool]) -> EpisodeResults:
+    """The results of a job with the game's rewards."""
+    rewards = [
+        1000.0 * solved - 10.0 * sum(0 <= at < end for at in plan) - end / job.fps
+        for plan, end, solved in zip(job.plans, steps, success, strict=True)
+    ]
+    return EpisodeResults(steps, success, rewards)
 
 
 def serve(player: Player) -> None:
-    """Answer the driver until it closes the line.
+    """Answer the driver until it closes the pipe.
 
-    The first line tells the versions. "load" is answered with the outcome of one complete play, which leaves nothing to
-    compile, and its seconds; "ready" with an empty answer; "play" with the processor seconds that it took and the most
-    memory that the process has ever held, for the driver holds the watch.
+    The first line holds the versions. "load" plays once, so that nothing is left to compile, and answers with results
+    and seconds. "ready" has an empty answer. "play" answers with its processor seconds and the most memory that the
+    process has ever held; the driver measures wall-clock time itself.
     """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever an engine prints must not look like an answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # an engine's own prints must not look like an answer
     print(json.dumps(player.versions()), file=answers)
     for line in sys.stdin:
         message = json.loads(line)
@@ -91,7 +90,7 @@ def serve(player: Player) -> None:
             player.load(Job(**message["job"]))
             player.ready()
             player.play()
-            answer = {"seconds": time.perf_counter() - begin, **asdict(player.outcome())}
+            answer = {"seconds": time.perf_counter() - begin, **asdict(player.results())}
         elif message["do"] == "ready":
             player.ready()
         else:

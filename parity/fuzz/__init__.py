@@ -1,1 +1,1 @@
-"""Random scenes, played in both engines and made small where they differ."""
+"""Random scenes, played in both engines; those that differ are made small."""

@@ -1,8 +1,9 @@
-"""Random valid scenes that nobody tuned anything for, over a bounded number of layouts to compile.
+"""Random valid scenes over a bounded number of layouts to compile.
 
-A template says what moves and what ties it; with at most `STATIC_PLACES` static bars every scene of a template has the
-same `Topology`, so all scenes together need as many programs as there are templates. Where things stand is drawn for
-trouble: exactly touching, exactly symmetric, stacked, overlapping, or so far up that they tunnel.
+A template says which bodies move and which joints and springs hold them. All scenes of a template have the same
+`Topology`, since none has more than `STATIC_PLACES` static bars: there is one program to compile for each template.
+Positions are drawn to cause trouble: exactly touching, exactly symmetric, stacked, overlapping, or so far up that the
+body tunnels through others.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
 from iphyre_jax.scenes.scene import Scene
 
 RADIUS: Final = 10.0  # px, of every bar
-STATIC: Final = -1  # the end of a link that a static bar holds
+STATIC: Final = -1  # an end of a joint or spring that a static bar holds
 SEED: Final = 0
 
 Point = tuple[float, float]
@@ -29,13 +30,13 @@ Ends = tuple[int, int]
 
 @dataclass(frozen=True)
 class Template:
-    """What moves in a scene and what ties it.
+    """The moving bodies of a scene, its joints and its springs.
 
     Attributes:
         bars: moving bars.
         balls: balls.
-        joints: moving bodies (bars first) or STATIC at each end of each pin joint.
-        springs: the same of the springs.
+        joints: the ends of each pin joint: a moving body (bars first) or STATIC.
+        springs: the ends of each spring.
     """
 
     bars: int
@@ -50,7 +51,7 @@ class Template:
 
     @property
     def held(self) -> int:
-        """Links that need a static bar."""
+        """Joints and springs that need a static bar."""
         return sum(STATIC in ends for ends in (*self.joints, *self.springs))
 
 
@@ -74,7 +75,7 @@ TEMPLATES: Final = (
 
 @dataclass(frozen=True)
 class Body:
-    """A bar or a ball somewhere: a line between two points, of length zero for a ball, and a radius."""
+    """A bar or a ball: the end points of its axis, equal for a ball, and its radius."""
 
     a: Point
     b: Point
@@ -86,17 +87,17 @@ class Body:
         return (self.a[0] + self.b[0]) / 2, (self.a[1] + self.b[1]) / 2
 
     def moved(self, x: float, y: float) -> Body:
-        """The same body elsewhere."""
+        """The body moved by (x, y) px."""
         return Body((self.a[0] + x, self.a[1] + y), (self.b[0] + x, self.b[1] + y), self.radius)
 
     def mirrored(self) -> Body:
-        """The same body on the other side of the picture's middle."""
+        """The body mirrored left to right in the middle of the picture."""
         return Body((SCREEN - self.a[0], self.a[1]), (SCREEN - self.b[0], self.b[1]), self.radius)
 
 
 @dataclass
-class _Sketch:
-    """A scene while it is drawn: a grid of `step` px (0 for none) makes touching and symmetry exact."""
+class _Draft:
+    """An unfinished scene; a grid of `step` px (0 for none) makes touching and symmetry exact."""
 
     rng: np.random.Generator
     step: float
@@ -123,11 +124,11 @@ def random_scene(index: int, seed: int = SEED) -> Scene:
         seed: of the whole set, at least 0.
 
     Returns:
-        A valid scene of 1 to 12 objects, named after seed and index. An eliminable bar carries at most one joint or
-        spring: with two the reference's order of removal is undefined.
+        A valid scene of 1 to 12 objects, named after seed and index. An eliminable bar holds at most one joint or
+        spring: with two, the reference removes them in an undefined order.
 
     Raises:
-        ValueError: if `index` or `seed` is negative.
+        ValueError: `index` or `seed` is negative.
     """
     if index < 0 or seed < 0:
         raise ValueError(f"index, seed: expected integers of at least 0, got {index!r}, {seed!r}")
@@ -136,29 +137,29 @@ def random_scene(index: int, seed: int = SEED) -> Scene:
     while True:
         try:
             return _draw(rng, template, f"random-{seed}-{index}")
-        except ValueError:  # a pin between equal centres, say: drawn again
+        except ValueError:  # not valid, such as a joint between equal centres: draw again
             continue
 
 
 def _draw(rng: np.random.Generator, template: Template, name: str) -> Scene:
-    sketch = _Sketch(rng, float(rng.choice([0.0, 1.0, 10.0])))
+    draft = _Draft(rng, float(rng.choice([0.0, 1.0, 10.0])))
     room = min(STATIC_PLACES, MAX_OBJECTS - template.moving)
     count = int(rng.integers(min(1, template.held), room + 1))
     for _ in range(count):
-        sketch.bodies.append(_placed(sketch, _bar(sketch), _STATIC_PLACES))
+        draft.bodies.append(_placed(draft, _bar(draft), _STATIC_PLACES))
     for k in range(template.moving):
-        body = _bar(sketch) if k < template.bars else _ball(sketch)
-        sketch.bodies.append(_placed(sketch, body, _MOVING_PLACES))
-    statics, bars, balls = np.split(np.array(sketch.bodies, object), [count, count + template.bars])
+        body = _bar(draft) if k < template.bars else _ball(draft)
+        draft.bodies.append(_placed(draft, body, _MOVING_PLACES))
+    statics, bars, balls = np.split(np.array(draft.bodies, object), [count, count + template.bars])
 
     order = rng.permutation(count + template.bars)  # blocks are static and moving bars in any order
     blocks = [(*statics, *bars)[k] for k in order]
     dynamic = order >= count
-    # Moving bodies are counted in list order, so that the scene has the template's topology.
+    # Joints and springs count the moving bodies in list order, so that the scene has the template's topology.
     movers = [*np.flatnonzero(dynamic).tolist(), *range(len(blocks), len(blocks) + len(balls))]
     resting = np.flatnonzero(~dynamic).tolist()
     eliminable = rng.permutation(resting)[: int(rng.integers(0, MAX_ELIMINABLE + 1))].tolist()
-    ends = _links(rng, template, movers, resting, eliminable)
+    ends = _constraints(rng, template, movers, resting, eliminable)
     joints = len(template.joints)
     total = len(blocks) + len(balls)
     return Scene(
@@ -172,93 +173,93 @@ def _draw(rng: np.random.Generator, template: Template, name: str) -> Scene:
     )
 
 
-def _links(
+def _constraints(
     rng: np.random.Generator, template: Template, movers: list[int], resting: list[int], eliminable: list[int]
 ) -> list[Ends]:
-    """Give every static end a bar; an eliminable one is taken once only."""
+    """Choose a bar for every static end, an eliminable bar at most once."""
     free = list(resting)
-    links = []
+    constraints = []
     for ends in (*template.joints, *template.springs):
         if STATIC in ends and not free:
-            raise ValueError("too few static bars for the links")
+            raise ValueError("too few static bars for the joints and springs")
         held = int(rng.choice(free)) if STATIC in ends else STATIC
         if held in eliminable:
             free.remove(held)
         one, two = (held if end == STATIC else movers[end] for end in ends)
-        links.append((one, two))
-    return links
+        constraints.append((one, two))
+    return constraints
 
 
-def _bar(sketch: _Sketch) -> Body:
-    """A bar around the origin: level, upright or at any angle, 1 to 400 px long."""
-    kind = sketch.rng.random()
-    angle = 0.0 if kind < 0.5 else math.pi / 2 if kind < 0.6 else float(sketch.rng.uniform(0, math.pi))
-    long = 2 * max(sketch.snapped(float(np.exp(sketch.rng.uniform(0, math.log(400.0)))) / 2), 0.5)
-    if kind < 0.6:
-        x, y = (long / 2, 0.0) if kind < 0.5 else (0.0, long / 2)
+def _bar(draft: _Draft) -> Body:
+    """A bar centred on the origin, level, upright or at any angle, 1 to 400 px long."""
+    draw = draft.rng.random()
+    angle = 0.0 if draw < 0.5 else math.pi / 2 if draw < 0.6 else float(draft.rng.uniform(0, math.pi))
+    length = 2 * max(draft.snapped(float(np.exp(draft.rng.uniform(0, math.log(400.0)))) / 2), 0.5)
+    if draw < 0.6:
+        x, y = (length / 2, 0.0) if draw < 0.5 else (0.0, length / 2)
     else:
-        x, y = (sketch.snapped(long / 2 * turned) for turned in (math.cos(angle), math.sin(angle)))
+        x, y = (draft.snapped(length / 2 * turned) for turned in (math.cos(angle), math.sin(angle)))
     if x == y == 0.0:
         x = 0.5
-    return Body((-x, -y), (x, y)) if sketch.chance(0.5) else Body((x, y), (-x, -y))
+    return Body((-x, -y), (x, y)) if draft.chance(0.5) else Body((x, y), (-x, -y))
 
 
-def _ball(sketch: _Sketch) -> Body:
-    common = float(sketch.rng.choice([5.0, 10.0, 20.0, 20.0, 30.0, 60.0]))
-    radius = common if sketch.chance(0.7) else float(sketch.rng.uniform(3.0, 60.0))
+def _ball(draft: _Draft) -> Body:
+    common = float(draft.rng.choice([5.0, 10.0, 20.0, 20.0, 30.0, 60.0]))
+    radius = common if draft.chance(0.7) else float(draft.rng.uniform(3.0, 60.0))
     return Body((0.0, 0.0), (0.0, 0.0), radius)
 
 
-def _placed(sketch: _Sketch, body: Body, places: tuple[tuple[float, Callable[..., Body]], ...]) -> Body:
-    """Put a body at one of the places, each chosen with its weight."""
+def _placed(draft: _Draft, body: Body, places: tuple[tuple[float, Callable[..., Body]], ...]) -> Body:
+    """Put a body at one of the places, drawn by their weights."""
     weights = np.array([weight for weight, _ in places])
-    place = places[int(sketch.rng.choice(len(places), p=weights / weights.sum()))][1]
-    other = sketch.other()
-    return _anywhere(sketch, body) if other is None else place(sketch, body, other)
+    place = places[int(draft.rng.choice(len(places), p=weights / weights.sum()))][1]
+    other = draft.other()
+    return _anywhere(draft, body) if other is None else place(draft, body, other)
 
 
-def _anywhere(sketch: _Sketch, body: Body, _: Body | None = None) -> Body:
-    return body.moved(sketch.uniform(0, SCREEN), sketch.uniform(0, SCREEN))
+def _anywhere(draft: _Draft, body: Body, _: Body | None = None) -> Body:
+    return body.moved(draft.uniform(0, SCREEN), draft.uniform(0, SCREEN))
 
 
-def _far_up(sketch: _Sketch, body: Body, _: Body) -> Body:
-    """So high that it falls through bars: from 6000 px it arrives with 1100 px/s."""
-    return body.moved(sketch.uniform(0, SCREEN), sketch.uniform(-6000, -300))
+def _far_up(draft: _Draft, body: Body, _: Body) -> Body:
+    """So high that it falls through bars: from 6000 px up it arrives at 1100 px/s."""
+    return body.moved(draft.uniform(0, SCREEN), draft.uniform(-6000, -300))
 
 
-def _overlapping(sketch: _Sketch, body: Body, other: Body) -> Body:
+def _overlapping(draft: _Draft, body: Body, other: Body) -> Body:
     x, y = other.middle
-    return body.moved(x + sketch.uniform(-30, 30), y + sketch.uniform(-30, 30))
+    return body.moved(x + draft.uniform(-30, 30), y + draft.uniform(-30, 30))
 
 
-def _mirrored(sketch: _Sketch, body: Body, other: Body) -> Body:
-    """As the other one's image, if it is of the same kind; else in the exact middle of the picture."""
+def _mirrored(draft: _Draft, body: Body, other: Body) -> Body:
+    """The mirror image of another of the same kind; else in the exact middle of the picture."""
     if (other.a == other.b) == (body.a == body.b):
         return other.mirrored()
-    return body.moved(SCREEN / 2, other.middle[1] - sketch.uniform(0, 200))
+    return body.moved(SCREEN / 2, other.middle[1] - draft.uniform(0, 200))
 
 
-def _beside(sketch: _Sketch, body: Body, other: Body) -> Body:
-    """Level with the other one, end to end, with a gap of exactly zero."""
+def _beside(draft: _Draft, body: Body, other: Body) -> Body:
+    """Beside another body at the same height, end to end, with a gap of exactly zero."""
     reach = max(other.a[0], other.b[0]) + other.radius + body.radius
     return body.moved(reach - min(body.a[0], body.b[0]), other.middle[1])
 
 
-def _on_top(sketch: _Sketch, body: Body, other: Body) -> Body:
-    """On the other one with a gap of zero, exactly so for level bars and balls: in its middle, or anywhere along it."""
-    way = (other.b[0] - other.a[0], other.b[1] - other.a[1])
-    size = math.hypot(*way)
-    if body.a != body.b and size and sketch.chance(0.5):  # a bar on a bar: parallel to it
+def _on_top(draft: _Draft, body: Body, other: Body) -> Body:
+    """On another body, in its middle or anywhere along it; the gap of zero is exact for level bars and balls."""
+    axis = (other.b[0] - other.a[0], other.b[1] - other.a[1])
+    size = math.hypot(*axis)
+    if body.a != body.b and size and draft.chance(0.5):  # a bar on a bar: parallel to it
         half = math.hypot(body.b[0] - body.a[0], body.b[1] - body.a[1]) / 2
-        x, y = way[0] / size * half, way[1] / size * half
+        x, y = axis[0] / size * half, axis[1] / size * half
         body = Body((-x, -y), (x, y))
-    up = (way[1] / size, -way[0] / size) if size else sketch.rng.choice([(0.0, -1.0), (0.6, -0.8), (-0.6, -0.8)])
-    if up[1] > 0:
-        up = (-up[0], -up[1])
-    along = 0.5 if sketch.chance(0.5) else float(sketch.rng.choice([0.0, 0.25, 0.75, 1.0, sketch.rng.random()]))
-    x, y = other.a[0] + along * way[0], other.a[1] + along * way[1]
+    normal = (axis[1] / size, -axis[0] / size) if size else draft.rng.choice([(0.0, -1.0), (0.6, -0.8), (-0.6, -0.8)])
+    if normal[1] > 0:
+        normal = (-normal[0], -normal[1])
+    along = 0.5 if draft.chance(0.5) else float(draft.rng.choice([0.0, 0.25, 0.75, 1.0, draft.rng.random()]))
+    x, y = other.a[0] + along * axis[0], other.a[1] + along * axis[1]
     reach = other.radius + body.radius
-    return body.moved(x + float(up[0]) * reach, y + float(up[1]) * reach)
+    return body.moved(x + float(normal[0]) * reach, y + float(normal[1]) * reach)
 
 
 _STATIC_PLACES: Final = ((0.6, _anywhere), (0.15, _beside), (0.15, _mirrored), (0.1, _on_top))

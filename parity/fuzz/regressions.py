@@ -1,4 +1,4 @@
-"""Small cases that once differed from the reference, kept as data so that they never do again."""
+"""Small cases in which the engines once differed, kept as files so that a test plays them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Case:
 
 
 def write_case(folder: Path, case: Case) -> Path:
-    """Write a case as JSON, named after its scene; the folder is made if it is missing.
+    """Write a case as JSON, named after its scene; create the folder if it is missing.
 
     Returns:
         The file.
@@ -59,6 +59,6 @@ def read_case(path: Path) -> Case:
         ValueError: the scene is not valid; one line for each wrong field.
         OSError: the file cannot be read.
     """
-    told = json.loads(path.read_text(encoding="utf-8"))
-    scene = scene_from_dict(told["scene"], str(path))
-    return Case(scene, tuple(told["eliminate_at"]), told["fps"], told["resets"], told["why"])
+    data = json.loads(path.read_text(encoding="utf-8"))
+    scene = scene_from_dict(data["scene"], str(path))
+    return Case(scene, tuple(data["eliminate_at"]), data["fps"], data["resets"], data["why"])

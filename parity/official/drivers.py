@@ -1,8 +1,8 @@
-"""The three strategies, driven frame by frame around a simulator that clicks: the reference for the environments.
+"""The three strategies as plain loops over frames: the reference for the environments.
 
-Written from the description of the official environments, with plain loops, for any object with the calls of the
-official class: `reset()`, `step(position)` and `get_action_space()`. Needs NumPy only, because the official class runs
-in an environment of its own (see `parity.official.record`).
+Each function follows the description of an official environment. It drives any object with the calls of the official
+class: `reset()`, `step(position)` and `get_action_space()`. Only NumPy is needed, because the official class runs in a
+virtual environment of its own (see `parity.official.record`).
 """
 
 from collections.abc import Callable, Iterator
@@ -23,21 +23,21 @@ class Clickable(Protocol):
     """The calls of the official class that the drivers use."""
 
     def reset(self) -> object:
-        """Begin anew and return the table of the objects, (12, 9)."""
+        """Start again and return the table of objects, (12, 9)."""
         ...
 
     def step(self, pos: Position) -> tuple[object, float, bool]:
-        """Click and play one frame: table, reward, solved."""
+        """Click, play one frame and return table, reward, solved."""
         ...
 
     def get_action_space(self) -> list[Position]:
-        """Reset and return no click, the eliminable blocks' centres and no click again up to seven."""
+        """Reset and return seven positions: no click, the centres of the eliminable blocks, no click to fill up."""
         ...
 
 
 @dataclass
 class Transition:
-    """What one call of an environment's `step` gave."""
+    """The result of one `step` of an environment."""
 
     observation: NDArray[np.float32]
     reward: float
@@ -54,11 +54,11 @@ class Episode:
 
 
 def _observe(table: object, candidates: list[Position]) -> NDArray[np.float32]:
-    """Scale lengths to the screen, clip everything to [0, 1] and append the candidates."""
-    seen = np.array(table, np.float32)
-    seen[:, :5] /= 600
+    """Divide lengths by the screen's side, clip to [0, 1] and append the candidate positions."""
+    obs = np.array(table, np.float32)
+    obs[:, :5] /= 600
     places = np.array(candidates, np.float32).reshape(-1) / 600
-    return np.concatenate([seen.clip(0.0, 1.0).reshape(-1), places])
+    return np.concatenate([obs.clip(0.0, 1.0).reshape(-1), places])
 
 
 def in_advance(simulator: Clickable, actions: Iterator[NDArray[np.float32]]) -> Episode:
@@ -98,19 +98,19 @@ def combined(simulator: Clickable, actions: Iterator[NDArray[np.float32]], *, la
     Args:
         simulator: to play in.
         actions: as many as the episode takes.
-        late_frame: keep the official clock, which has a 151st frame from some starting frames.
+        late_frame: keep the official clock; started at some frames, it counts a 151st frame.
     """
     table = simulator.reset()
     candidates = simulator.get_action_space()[1:]
     episode = Episode(_observe(table, candidates))
     free = [True] * SLOTS
-    made, solved = 0, False
-    while made < FRAMES and not solved:
+    frame, solved = 0, False
+    while frame < FRAMES and not solved:
         times = np.round(next(actions) * np.float32(15), 1)
         total = 0.0
-        clock = np.arange(made / 10, 15.0, 0.1) if late_frame else np.arange(made, FRAMES) / 10
+        clock = np.arange(frame / 10, 15.0, 0.1) if late_frame else np.arange(frame, FRAMES) / 10
         for now in np.round(clock, 1):
-            made += 1
+            frame += 1
             due: list[int] = np.flatnonzero(times == np.float32(now)).tolist() if now > 0 else []
             click = NO_CLICK
             if due and free[due[0]]:
@@ -120,7 +120,7 @@ def combined(simulator: Clickable, actions: Iterator[NDArray[np.float32]], *, la
             total += reward
             if solved or click != NO_CLICK:
                 break
-        truncated = made >= FRAMES and not solved
+        truncated = frame >= FRAMES and not solved
         episode.transitions.append(Transition(_observe(table, candidates), total, solved, truncated))
     return episode
 
@@ -133,7 +133,7 @@ DRIVERS: dict[str, Callable[..., Episode]] = {
 
 
 def random_actions(strategy: str, rng: np.random.Generator) -> Iterator[Any]:
-    """Draw actions without end that meet the rules' corners: ties, never, the same slot again, times gone by."""
+    """Draw endless actions that test the rules: ties, never, the same slot twice, times in the past."""
     while True:
         if strategy == "on-the-fly":
             yield int(rng.integers(1, 7)) if rng.random() < 0.05 else 0

@@ -1,4 +1,4 @@
-"""Environments against the official class: episodes recorded by `parity.official.record`, replayed and compared."""
+"""Compare the environments with the official class: replay episodes that `parity.official.record` recorded."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ Recorded = dict[str, np.ndarray[Any, Any]]
 
 
 def load(path: Path) -> list[tuple[str, str, Recorded]]:
-    """Return what `parity.official.record` wrote: game, strategy and arrays of each episode."""
+    """Read a file of `parity.official.record`: game, strategy and arrays of each episode."""
     with np.load(path) as file:
         arrays: dict[int, Recorded] = {}
         for key in file.files:
@@ -30,33 +30,33 @@ def load(path: Path) -> list[tuple[str, str, Recorded]]:
     return [(game, strategy, arrays[index]) for index, (game, strategy, _) in enumerate(episodes)]
 
 
-def replay(environment: Environment, params: EnvParams, which: ArrayLike, actions: ArrayLike) -> Recorded:
-    """Play B episodes of T actions each, (B,) rows of the parameters and (B, T, ...) actions; what ended stays."""
+def replay(environment: Environment, params: EnvParams, game_index: ArrayLike, actions: ArrayLike) -> Recorded:
+    """Play B episodes of actions (B, T, ...) from rows (B,) of the parameters; one that has ended does not change."""
 
     def episode(game: jax.Array, actions: jax.Array) -> dict[str, jax.Array]:
-        seen, state = environment.reset_to(game, params)
+        obs, state = environment.reset_to(game, params)
 
         def one(state: EnvState, action: jax.Array) -> tuple[EnvState, tuple[jax.Array, ...]]:
             out = environment.step(jax.random.key(0), state, action, params)
             return out[1], (out[0], out[2], out[3], out[4])
 
         _, (later, rewards, terminated, truncated) = jax.lax.scan(one, state, actions)
-        observations = jnp.concatenate([seen[None], later])
+        observations = jnp.concatenate([obs[None], later])
         return {"observations": observations, "rewards": rewards, "terminated": terminated, "truncated": truncated}
 
-    played = jax.jit(jax.vmap(episode))(jnp.asarray(which, jnp.int32), jnp.asarray(actions))
+    played = jax.jit(jax.vmap(episode))(jnp.asarray(game_index, jnp.int32), jnp.asarray(actions))
     return {name: np.asarray(value) for name, value in played.items()}
 
 
 def differences(recorded: Recorded, played: Recorded) -> list[str]:
-    """Say in which respects an episode differs; empty if it does not."""
+    """One line for each way in which an episode differs; empty if it does not."""
     steps = len(recorded["rewards"])
     problems = [
         f"{name} {played[name][:steps].tolist()}, official {recorded[name].tolist()}"
         for name in ("terminated", "truncated")
         if (played[name][:steps] != recorded[name]).any()
     ]
-    # Rewards are exact to float32, in which the environment gives them.
+    # The environment's rewards are float32.
     if not np.allclose(played["rewards"][:steps], recorded["rewards"], rtol=1e-6, atol=1e-4):
         problems.append(f"rewards {played['rewards'][:steps].sum()}, official {recorded['rewards'].sum()}")
     error = np.abs(played["observations"][: steps + 1] - recorded["observations"]).max()
@@ -66,7 +66,7 @@ def differences(recorded: Recorded, played: Recorded) -> list[str]:
 
 
 def compare(episodes: list[tuple[str, str, Recorded]], strategy: str) -> list[str]:
-    """Replay the episodes of a strategy in float64, the official bugs on; one line for each that differs."""
+    """Replay the episodes of a strategy in float64 with the official bugs; one line for each difference."""
     chosen = [(game, recorded) for game, of, recorded in episodes if of == strategy]
     length = max(len(recorded["actions"]) for _, recorded in chosen)
     actions = np.stack([_padded(recorded["actions"], length) for _, recorded in chosen])
@@ -75,8 +75,8 @@ def compare(episodes: list[tuple[str, str, Recorded]], strategy: str) -> list[st
         played = replay(environment, params, [GAMES.index(game) for game, _ in chosen], actions)
     lines = []
     for index, (game, recorded) in enumerate(chosen):
-        found = differences(recorded, {name: value[index] for name, value in played.items()})
-        lines += [f"{strategy} {game} {index}: {problem}" for problem in found]
+        problems = differences(recorded, {name: value[index] for name, value in played.items()})
+        lines += [f"{strategy} {game} {index}: {problem}" for problem in problems]
     steps = sum(len(recorded["rewards"]) for _, recorded in chosen)
     print(f"{strategy}: {len(chosen)} episodes, {steps} steps, {len(lines)} differences")
     return lines
@@ -89,7 +89,7 @@ def _padded(actions: np.ndarray[Any, Any], length: int) -> np.ndarray[Any, Any]:
 
 
 def main() -> int:
-    """Compare a file of recorded episodes; returns 1 if an episode differs."""
+    """Compare a file of recorded episodes; return 1 if one differs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     episodes = load(parser.parse_args().file)

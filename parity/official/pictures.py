@@ -1,10 +1,10 @@
-"""Our pictures of the games' starts beside the official drawings, which `parity.official.record` records.
+"""Compare our pictures of the games' starts with the official ones, which `parity.official.record` records.
 
     python -m parity.official.pictures FILE SHEET
 
-Each pixel is called by the nearest of the drawing's colours. Our edges are anti-aliased and the official ones are not,
-so pixels at an edge may differ. Inner ones are those whose whole neighbourhood has one colour in the official drawing
-and where neither drawing has a thin mark (a spring, a radius, the dot of a joint).
+Each pixel is assigned the nearest of the drawing's colours. Our edges are anti-aliased and the official ones are not,
+so pixels at an edge may differ. Inner pixels have a neighbourhood of one colour in the official picture, and neither
+picture has a thin mark (a spring, a radius, the dot of a joint) there.
 """
 
 import argparse
@@ -23,31 +23,31 @@ Picture = NDArray[np.uint8]
 
 WHITE = (255, 255, 255)
 COLOURS = np.array([WHITE, BALL, ELIMINABLE, FIXED, MOVING, RADIUS_LINE, LINK], np.int32)
-MARKS = 5  # the colours from this one on are thin marks
+MARKS = 5  # index of the first colour of thin marks
 COLUMNS, SIDE = 10, 150  # of the contact sheet, px
 
 
-def named(picture: Picture) -> NDArray[np.int64]:
-    """Return the index of the nearest colour of each pixel, (600, 600)."""
+def nearest_colours(picture: Picture) -> NDArray[np.int64]:
+    """The index of the nearest colour of each pixel, (600, 600)."""
     away = np.abs(picture[:, :, None, :].astype(np.int32) - COLOURS).sum(-1)
     return away.argmin(-1)
 
 
-def inner(colour: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which pixels have neighbours of their own colour only, two px far, and no mark among them."""
+def inner_pixels(colour: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which pixels share their colour with every pixel within two px and are no mark, (600, 600)."""
     padded = np.pad(colour, 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5)).reshape(*colour.shape, 25)
     return (windows == colour[:, :, None]).all(-1) & (colour < MARKS)
 
 
 def differences(ours: Picture, official: Picture) -> tuple[float, float]:
-    """Return the share of pixels of another colour, of all and of the inner ones."""
-    one, other = named(ours), named(official)
-    far = inner(other) & (one < MARKS)  # what the official drawing has no mark for, ours may have beside it
+    """The share of pixels with another colour, among all and among the inner ones."""
+    one, other = nearest_colours(ours), nearest_colours(official)
+    far = inner_pixels(other) & (one < MARKS)  # our mark may lie beside the official one
     return float((one != other).mean()), float((one != other)[far].mean())
 
 
-def sheet(pairs: list[tuple[Picture, Picture]], file: Path) -> None:
+def contact_sheet(pairs: list[tuple[Picture, Picture]], file: Path) -> None:
     """Save small copies of the pictures, each official drawing above ours."""
     rows = -(-len(pairs) // COLUMNS)
     page = Image.new("RGB", (COLUMNS * SIDE, rows * (2 * SIDE + 10)), "white")
@@ -60,7 +60,7 @@ def sheet(pairs: list[tuple[Picture, Picture]], file: Path) -> None:
 
 
 def main() -> int:
-    """Compare a file of official drawings; returns 1 if one differs by more than the tolerances."""
+    """Compare a file of official pictures; return 1 if one exceeds the tolerances."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("sheet", type=Path)
@@ -73,11 +73,11 @@ def main() -> int:
             simulator.reset()
             pairs.append((file[game], simulator.picture()))
             rows.append((game, *differences(pairs[-1][1], pairs[-1][0])))
-    sheet(pairs, options.sheet)
+    contact_sheet(pairs, options.sheet)
     for game, all_, inner_ in rows:
-        print(f"{game:28} {all_:8.3%} of the pixels have another colour, {inner_:8.3%} of the inner ones")
+        print(f"{game:28} {all_:8.3%} of all pixels have another colour, {inner_:8.3%} of the inner ones")
     far = [game for game, all_, inner_ in rows if all_ > PICTURE_ALL or inner_ > PICTURE_INNER]
-    print(f"{len(rows)} pictures, {len(far)} differ by more than the tolerances; side by side in {options.sheet}")
+    print(f"{len(rows)} pictures, {len(far)} beyond the tolerances; side by side in {options.sheet}")
     return 1 if far else 0
 
 

@@ -1,10 +1,10 @@
-"""Record random episodes of the official class: run by the interpreter of an environment of its own.
+"""Record random episodes of the official class, in a virtual environment of its own.
 
     PYTHON parity/official/record.py FILE --episodes N --pictures FILE
 
-The environment holds iphyre 0.2.3, pymunk 6.11.1, NumPy below 2 and pygame; this file and `drivers.py` need nothing
-else. `parity.official.environments` compares what was recorded, `parity.official.pictures` the pictures of the starts.
-`make parity-official` does all of it.
+That environment holds iphyre 0.2.3, pymunk 6.11.1, NumPy below 2 and pygame; this file and `drivers.py` need nothing
+else. `parity.official.environments` then compares the episodes and `parity.official.pictures` the pictures of the
+starts. `make parity-official` runs all three.
 """
 
 import argparse
@@ -17,24 +17,24 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))  # this runs where the package is not installed
+sys.path.insert(0, str(Path(__file__).parent))  # the package is not installed there
 
 import drivers  # type: ignore[import-not-found]
 
 
 def record(game: str, strategy: str, seed: int) -> dict[str, Any]:
-    """Play one episode of the official class and return its actions and all that it gave, as arrays."""
+    """Play one episode of the official class and return actions and transitions as arrays."""
     from iphyre.simulator import IPHYRE
 
     stream = drivers.random_actions(strategy, np.random.default_rng(seed))
     taken: list[Any] = []
 
-    def tap() -> Iterator[Any]:
+    def recorded_stream() -> Iterator[Any]:
         for action in stream:
             taken.append(action)
             yield action
 
-    episode = drivers.DRIVERS[strategy](IPHYRE(game=game, fps=10), tap())
+    episode = drivers.DRIVERS[strategy](IPHYRE(game=game, fps=10), recorded_stream())
     steps = episode.transitions
     return {
         "actions": np.array(taken),
@@ -46,7 +46,7 @@ def record(game: str, strategy: str, seed: int) -> dict[str, Any]:
 
 
 def pictures(games: list[str]) -> dict[str, Any]:
-    """Return the official drawing of each game's start, (600, 600, 3) uint8 in red, green, blue; no window opens."""
+    """The official picture of each game's start, (600, 600, 3) uint8 in red, green, blue; no window opens."""
     os.environ.update(SDL_VIDEODRIVER="dummy", SDL_AUDIODRIVER="dummy")
     from iphyre.simulator import IPHYRE
 

@@ -1,1 +1,1 @@
-"""What a comparison found: tables, charts, films, one page."""
+"""The report of a comparison: tables, charts, films, one page."""

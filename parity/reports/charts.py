@@ -1,4 +1,4 @@
-"""Small pictures as inline SVG, drawn with the classes of the page's style sheet so that they follow light and dark."""
+"""Charts as inline SVG. They use the page's style sheet, so that they follow light and dark mode."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from iphyre_jax.rules import SCREEN
 
 Values = NDArray[np.floating]
 
-LOW, HIGH = -14.0, 4.0  # powers of ten, px, of the error charts; exact zero lies on the lower edge
+LOW, HIGH = -14.0, 4.0  # powers of ten of the error scale, px; exact zero lies on the lower edge
 DECADES = (-12, -9, -6, -3, 0, 3)
 
 
 def log_height(errors: Values) -> NDArray[np.float64]:
-    """Errors in px as heights from 0 (none, or below the scale) to 1; NaN stays NaN, infinity is on top."""
+    """Errors in px as heights from 0 (no error, or below the scale) to 1 (infinity); NaN stays NaN."""
     with np.errstate(divide="ignore"):
         power = np.log10(errors.astype(np.float64))
     return np.clip((power - LOW) / (HIGH - LOW), 0.0, 1.0)
 
 
 def path(x: Values, y: Values, kind: str) -> str:
-    """A line through points, broken where one is NaN."""
+    """A line through points with a gap at each NaN."""
     words, pen = [], "M"
     for left, top in zip(x.tolist(), y.tolist(), strict=True):
         if np.isfinite(left) and np.isfinite(top):
@@ -38,25 +38,25 @@ def path(x: Values, y: Values, kind: str) -> str:
 
 
 def band(x: Values, low: Values, high: Values, kind: str) -> str:
-    """The area between two lines, where both have values."""
-    there = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    """The area between two lines where both have values."""
+    valid = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
     areas = []
-    for run in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1):
-        way = [*zip(x[run], high[run], strict=True), *zip(x[run][::-1], low[run][::-1], strict=True)]
-        areas.append("M" + "L".join(f"{left:.1f} {top:.1f}" for left, top in way) + "Z" if way else "")
+    for run in np.split(valid, np.flatnonzero(np.diff(valid) > 1) + 1):
+        outline = [*zip(x[run], high[run], strict=True), *zip(x[run][::-1], low[run][::-1], strict=True)]
+        areas.append("M" + "L".join(f"{left:.1f} {top:.1f}" for left, top in outline) + "Z" if outline else "")
     return f'<path class="{kind}" d="{"".join(areas)}"/>' if any(areas) else ""
 
 
 def error_chart(
     title: str, seconds: float, bands: Sequence[tuple[Values, Values, str]], lines: Sequence[tuple[Values, str]]
 ) -> str:
-    """Errors against time on a logarithmic scale.
+    """Errors over time on a logarithmic scale.
 
     Args:
         title: above the chart.
         seconds: length of the time axis.
-        bands: median, worst and class of what stands behind.
-        lines: errors and class of what stands before.
+        bands: lower and upper values and class of each area in the background.
+        lines: values and class of each line.
 
     Returns:
         One SVG element.
@@ -82,13 +82,13 @@ def error_chart(
         place = f'x="{at:.1f}" y="{top + height + 11}" text-anchor="{anchor}"'
         parts.append(f'<text class="tick" {place}>{second:g} s</text>')
     parts.append(f'<path class="axis" d="M{left} {top}v{height}h{width}"/>')
-    parts += [band(x(worst), y(median), y(worst), kind) for median, worst, kind in bands]
+    parts += [band(x(high), y(low), y(high), kind) for low, high, kind in bands]
     parts += [path(x(values), y(values), kind) for values, kind in lines]
     return "".join([*parts, "</svg>"])
 
 
 def sparkline(lines: Sequence[tuple[Values, str]], *, logarithmic: bool) -> str:
-    """A line of a table in small; a linear one is scaled to what it shows."""
+    """A small chart for a table's cell; a linear one is scaled to its values."""
     width, height = 96.0, 20.0
     drawn = []
     if logarithmic:
@@ -106,12 +106,12 @@ def sparkline(lines: Sequence[tuple[Values, str]], *, logarithmic: bool) -> str:
 
 
 def trajectories(scene: Scene, reference: Values, ours: Values) -> str:
-    """Both engines' paths of the moving objects over the scene as it starts.
+    """The paths of the moving objects in both engines, over the scene at its start.
 
     Args:
         scene: the scene.
         reference: (K, N, 3) poses.
-        ours: the same of ours.
+        ours: (K, N, 3) poses.
 
     Returns:
         One SVG element.

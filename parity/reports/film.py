@@ -1,4 +1,4 @@
-"""Show one plan in both engines side by side: `python -m parity.reports.film hole --plan - - 1.38 0.54 -o hole.mp4`."""
+"""Film one plan in both engines: `python -m parity.reports.film hole --plan - - 1.38 0.54 -o hole.mp4`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from iphyre_jax.viewer.recording import Recording, record
 from parity.engines.reference import VERSION, run
 
 
-def both(scene: iphyre_jax.Scene, plan: list[int], fps: int, dtype: str, resets: int) -> tuple[Recording, Recording]:
-    """Return a plan's plays in our engine and in the reference."""
+def play_both(
+    scene: iphyre_jax.Scene, plan: list[int], fps: int, dtype: str, resets: int
+) -> tuple[Recording, Recording]:
+    """Record a plan in our engine and in the reference."""
     ours = record(scene, plan, fps=fps, dtype=dtype, resets=resets)
-    played = run(scene, np.array(plan), fps=fps, steps=int(TIME_LIMIT * fps), resets=resets)
-    samples = played.samples[: played.steps + 1]
-    return ours, Recording.of_poses(scene, plan, samples, fps=fps, success=played.success)
+    theirs = run(scene, np.array(plan), fps=fps, steps=int(TIME_LIMIT * fps), resets=resets)
+    samples = theirs.samples[: theirs.steps + 1]
+    return ours, Recording.of_poses(scene, plan, samples, fps=fps, success=theirs.success)
 
 
 def main() -> None:
@@ -37,7 +39,7 @@ def main() -> None:
     options = parser.parse_args()
     scene = iphyre_jax.load_scene(options.scene)
     plan = plan_to_steps(seconds_of(options.plan, scene), options.fps, "simulate")[0].tolist()
-    plays = both(scene, plan, options.fps, options.dtype, options.resets)
+    plays = play_both(scene, plan, options.fps, options.dtype, options.resets)
     save(options.out, plays, Look(trails=True), [f"ours, {options.dtype}", f"pymunk {VERSION}"])
     steps = min(len(play.poses) for play in plays)
     apart = np.abs(plays[0].poses[:steps, :, :2] - plays[1].poses[:steps, :, :2]).max()

@@ -9,47 +9,43 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 from iphyre_jax.provenance import CORE, processor, source_commit, versions
-from parity.divergences import Astray
+from parity.divergences import DivergedPlan
 from parity.engines import reference
 from parity.play import GameResult
 from parity.reports.page import page
-from parity.reports.tables import HEADINGS, LEGEND, Section, cells, headline, verdict_line
+from parity.reports.tables import HEADINGS, LEGEND, Section, cells, headline, inline, screen_table, targets_line
 from parity.tolerances import SHARE_LIMITS
 
-SCHEMA = 2  # of the JSON file
+SCHEMA = 3  # of the JSON file
 
 
-def markdown(made: Sequence[Section], results: Sequence[GameResult], around: Mapping[str, Any]) -> str:
+def markdown(tables: Sequence[Section], results: Sequence[GameResult], info: Mapping[str, Any]) -> str:
     """The whole report as Markdown."""
-    lines = ["# Ours against the reference engine", "", f"**{headline(made)}**", "", f"{LEGEND}.", ""]
-    lines += [f"* {name}: {_inline(value)}" for name, value in around.items()]
-    for section in made:
+    lines = ["# Parity with pymunk", "", f"**{headline(tables)}**", "", f"{LEGEND}.", ""]
+    lines += [f"* {name}: {inline(value)}" for name, value in info.items()]
+    for section in tables:
         rows = [cells(row) for row in (*section.games, section.overall, *section.sensitivity)]
-        lines += ["", f"## {section.title}", "", verdict_line(section), ""]
+        lines += ["", f"## {section.title}", "", targets_line(section), ""]
         lines += ["| " + " | ".join(HEADINGS) + " |", "|---" * len(HEADINGS) + "|"]
         lines += ["| " + " | ".join(row) + " |" for row in rows]
-    astray = [plan for result in results for plan in result.astray if plan.dtype == "float64"]
-    if astray:
-        lines += ["", "## Plans that go astray in float64", ""]
-        lines += [f"* {_told(plan)}" for plan in astray]
+    diverged = [plan for result in results for plan in result.diverged if plan.dtype == "float64"]
+    if diverged:
+        lines += ["", "## Plans that diverge in float64", ""]
+        lines += [f"* {_described(plan)}" for plan in diverged]
     return "\n".join(lines) + "\n"
 
 
-def _told(plan: Astray) -> str:
+def _described(plan: DivergedPlan) -> str:
     where = f"{plan.game}, {plan.fps} fps, plan {plan.plan} {list(plan.eliminate_at)}"
     first = f"; first bit: {plan.first_bit}" if plan.first_bit else ""
-    stage = f"; first difference beyond its tolerance: {plan.first_stage}" if plan.first_stage else ""
+    stage = f"; first stage beyond its tolerance: {plan.first_stage}" if plan.first_stage else ""
     return f"{where}: {plan.error:.1e} px, steps {plan.ours[1]} and {plan.reference[1]}{first}{stage}"
 
 
-def _inline(value: object) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_inline(inner)}" for name, inner in value.items())
-    return " ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
-
-
-def circumstances(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def run_info(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What a reader needs to repeat the run: versions, machine, commit and arguments."""
     return {
         "versions": {**versions(CORE), "pymunk": reference.VERSION},
@@ -60,15 +56,15 @@ def circumstances(arguments: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def as_json(made: Sequence[Section], results: Sequence[GameResult], around: Mapping[str, Any]) -> str:
-    """The whole report as JSON, with the plans that went astray; infinite errors are written as null."""
+def as_json(tables: Sequence[Section], results: Sequence[GameResult], info: Mapping[str, Any]) -> str:
+    """The whole report as JSON, with the plans that diverge; an infinite error becomes null."""
     document = {
         "schema": SCHEMA,
-        **around,
-        "headline": headline(made),
+        **info,
+        "headline": headline(tables),
         "share_limits_px": list(SHARE_LIMITS),
-        "tables": [{**asdict(section), "verdict": verdict_line(section)} for section in made],
-        "astray": [asdict(plan) for result in results for plan in result.astray],
+        "tables": [{**asdict(section), "targets_met": targets_line(section)} for section in tables],
+        "diverged": [asdict(plan) for result in results for plan in result.diverged],
     }
     return json.dumps(_finite(document), indent=1, allow_nan=False) + "\n"
 
@@ -81,19 +77,30 @@ def _finite(value: Any) -> Any:  # noqa: ANN401 - any JSON value
     return [_finite(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
-def save(
+def publish(
     folder: Path,
     name: str,
-    made: Sequence[Section],
+    tables: Sequence[Section],
     results: Sequence[GameResult],
-    around: Mapping[str, Any],
+    info: Mapping[str, Any],
+    console: Console,
     *,
-    page_too: bool = True,
-) -> None:
-    """Write `name`.json, `name`.md and `name`.html into `folder`, which is made if it is missing."""
+    with_page: bool = True,
+) -> int:
+    """Print the tables and write `name`.json, `name`.md and `name`.html into `folder`, created if missing.
+
+    Returns:
+        The exit code of the command: 0 if every target is met, else 1.
+    """
+    texts = {"json": as_json(tables, results, info), "md": markdown(tables, results, info)}
+    if with_page:
+        texts["html"] = page(tables, results, info)
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {"json": as_json(made, results, around), "md": markdown(made, results, around)}
-    if page_too:
-        texts["html"] = page(made, results, around)
     for ending, text in texts.items():
         (folder / f"{name}.{ending}").write_text(text, encoding="utf-8")
+    for section in tables:
+        console.print(screen_table(section))
+    saved = f"saved {folder / name}: {', '.join(texts)}"
+    for line in (LEGEND, *map(targets_line, tables), headline(tables), saved):
+        console.print(line, highlight=False, soft_wrap=line is not LEGEND)
+    return int(any(section.missed for section in tables))

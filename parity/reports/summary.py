@@ -1,4 +1,4 @@
-"""Rows of the tables: what became of many plans, in shares."""
+"""Rows of the tables: many plans summed up in shares."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,20 +11,20 @@ from parity.tolerances import EXACT_ERROR, SHARE_LIMITS
 
 @dataclass(frozen=True)
 class Summary:
-    """One row of a table: a game's plans, or those of all games together.
+    """One row of a table: the plans of one game or of all games.
 
     Attributes:
         name: the game, or "all".
         plans: number of plans.
-        solved: plans the reference solves.
-        max_error: px, the largest error in play of any plan.
+        solved: plans that the reference solves.
+        max_error: px, the largest error in play.
         shares: share of the plans within each of `tolerances.SHARE_LIMITS`.
-        identical: share of the plans whose poses are all equal bit for bit.
-        share_solved: share within `tolerances.EXACT_ERROR` of the plans the reference solves; None where there is none.
+        identical: share of the plans with every pose equal bit for bit.
+        share_solved: share within `tolerances.EXACT_ERROR` of the plans that the reference solves; None without any.
         same_flag: share of the plans with the same success flag.
         same_step: share of the plans with the same success step.
-        same_flag_solved: the same of the plans the reference solves; None where there is none.
-        same_step_solved: the same of the plans the reference solves; None where there is none.
+        same_flag_solved: `same_flag` of the plans that the reference solves; None without any.
+        same_step_solved: `same_step` of the plans that the reference solves; None without any.
         same_bookkeeping: share of the plans with the same eliminations and the same objects present.
         faults: plans that ended in a fault.
     """
@@ -52,8 +52,8 @@ def summarise(name: str, comparisons: Sequence[PlanComparison]) -> Summary:
     """Pool the plans of one or more games into one row.
 
     Args:
-        name: what the row is called.
-        comparisons: at least one game's comparison, with at least one plan in all.
+        name: of the row.
+        comparisons: one a game, with at least one plan in all.
 
     Returns:
         The row.

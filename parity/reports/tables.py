@@ -1,8 +1,8 @@
-"""The tables of a comparison: one for each frame rate and type, one row a game."""
+"""The tables of a comparison: one for each frame rate and type, with one row a game."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
@@ -11,7 +11,7 @@ from rich.table import Table
 from parity.engines import reference
 from parity.play import GameResult
 from parity.reports.summary import Summary, summarise
-from parity.reports.verdict import missed_targets
+from parity.reports.targets_met import missed_targets
 from parity.tolerances import SHARE_LIMITS
 
 HEADINGS = (
@@ -28,8 +28,9 @@ HEADINGS = (
     "faults",
 )
 LEGEND = (
-    "max px: largest error in play; bits: % of plans whose poses are all equal bit for bit; 1e-9 to 1 px: % of plans "
-    "within it; flag, step: % of plans with the same success flag and step, * of those that the reference solves"
+    "max px: largest error in play; bits: % of plans with every pose equal bit for bit; 1e-9 to 1 px: % of plans with "
+    "no larger error; flag, step: % of plans with the same success flag and step; flag*, step*: the same, of the plans "
+    "that pymunk solves"
 )
 
 
@@ -43,7 +44,7 @@ class Section:
         games: one row a game.
         overall: the row of all games together.
         sensitivity: rows of the reference under slightly different gravity against itself, all games together.
-        missed: the targets that are missed, one sentence each.
+        missed: one sentence for each target that is missed.
     """
 
     fps: int
@@ -60,8 +61,8 @@ class Section:
 
 
 def sections(results: Sequence[GameResult]) -> list[Section]:
-    """Sort the results of all games into one section for each frame rate and type, in order of appearance."""
-    made = []
+    """One section for each frame rate and type, in order of appearance."""
+    tables = []
     for fps, dtype in dict.fromkeys((result.fps, result.dtype) for result in results):
         chosen = [result for result in results if (result.fps, result.dtype) == (fps, dtype)]
         games = tuple(summarise(result.game, [result.comparison]) for result in chosen)
@@ -73,8 +74,8 @@ def sections(results: Sequence[GameResult]) -> list[Section]:
             for part in chosen[0].sensitivity
         )
         missed = tuple(missed_targets(fps, dtype, games, overall))
-        made.append(Section(fps, dtype, games, overall, itself, missed))
-    return made
+        tables.append(Section(fps, dtype, games, overall, itself, missed))
+    return tables
 
 
 def cells(row: Summary) -> tuple[str, ...]:
@@ -112,24 +113,31 @@ def screen_table(section: Section) -> Table:
     return table
 
 
-def verdict_line(section: Section) -> str:
-    """One line: the targets are reached, or which are not."""
+def targets_line(section: Section) -> str:
+    """One line: every target is met, or which are missed."""
     if not section.missed:
-        return f"{section.title}: every target is reached"
+        return f"{section.title}: every target is met"
     return f"{section.title}: MISSED: " + "; ".join(section.missed)
 
 
-def headline(made: Sequence[Section]) -> str:
-    """The verdict on the whole comparison in one line."""
-    missed = sum(len(section.missed) for section in made)
+def headline(tables: Sequence[Section]) -> str:
+    """The whole comparison in one line."""
+    missed = sum(len(section.missed) for section in tables)
     facts = []
-    for dtype in dict.fromkeys(section.dtype for section in made):
-        rows = [section.overall for section in made if section.dtype == dtype]
+    for dtype in dict.fromkeys(section.dtype for section in tables):
+        rows = [section.overall for section in tables if section.dtype == dtype]
         plays = sum(row.plans for row in rows)
         same, bits = (
             sum(getattr(row, name) * row.plans for row in rows) / plays for name in ("same_step", "identical")
         )
-        exact = f"{percent(bits)} % of {plays} plays equal bit for bit, " if dtype == "float64" else ""
-        facts.append(f"{dtype}: {exact}success step equal in {percent(same)} %")
-    verdict = "Every target is reached" if not missed else f"{missed} target{'s' * (missed > 1)} missed"
-    return f"{verdict}. {'; '.join(facts)}."
+        exact = f", {percent(bits)} % equal bit for bit" if dtype == "float64" else ""
+        facts.append(f"{dtype}: {plays} plays{exact}, {percent(same)} % with the same success step")
+    targets_met = "Every target is met" if not missed else f"{missed} target{'s' * (missed > 1)} missed"
+    return f"{targets_met}. {'; '.join(facts)}."
+
+
+def inline(value: object) -> str:
+    """A JSON value in one line of text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {inline(inner)}" for name, inner in value.items())
+    return " ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

@@ -1,4 +1,4 @@
-"""Workers play the same episodes; what is compared is one and the same work."""
+"""Workers play the same episodes, and engines are compared on the same workload."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from benchmarks.measure import compare, ratio
-from benchmarks.worker_pool import Crew, Engine
+from benchmarks.worker_pool import Engine, WorkerPool
 from benchmarks.workers.bare_pymunk import BarePymunk
 from benchmarks.workers.ours import Ours
-from benchmarks.workers.protocol import Job, Played, Player
-from benchmarks.workload import make_work
+from benchmarks.workers.protocol import EpisodeResults, Job, Player
+from benchmarks.workload import make_workload
 
 PYMUNK = (sys.executable, "-m", "benchmarks.workers.bare_pymunk")
 
 
-def outcome(player: Player, job: Job) -> Played:
+def results(player: Player, job: Job) -> EpisodeResults:
     player.load(job)
     player.ready()
     player.play()
-    return player.outcome()
+    return player.results()
 
 
 def test_pymunk_and_ours_make_the_same_steps() -> None:
-    work = make_work(("hole", "support"), 4, 10, seed=1)
-    job = Job(**work.job(np.arange(8)))
-    ours, theirs = outcome(Ours("float64"), job), outcome(BarePymunk("episodes"), job)
+    workload = make_workload(("hole", "support"), 4, 10, seed=1)
+    job = Job(**workload.job(np.arange(8)))
+    ours, theirs = results(Ours("float64"), job), results(BarePymunk("episodes"), job)
     assert ours.steps == theirs.steps
     assert ours.success == theirs.success
     np.testing.assert_allclose(ours.reward, theirs.reward, rtol=0, atol=1e-9)
@@ -36,25 +36,25 @@ def test_pymunk_and_ours_make_the_same_steps() -> None:
 
 
 def test_stepping_alone_plays_the_same_episodes() -> None:
-    work = make_work(("hole", "support"), 4, 10, seed=1)
-    job, player = Job(**work.job(np.arange(8))), BarePymunk("stepping")
-    first = outcome(player, job)
+    workload = make_workload(("hole", "support"), 4, 10, seed=1)
+    job, player = Job(**workload.job(np.arange(8))), BarePymunk("stepping")
+    first = results(player, job)
     for _ in range(2):
         player.ready()
         player.play()
-        assert player.outcome() == first
-    assert first == outcome(BarePymunk("episodes"), job)
+        assert player.results() == first
+    assert first == results(BarePymunk("episodes"), job)
 
 
-def test_crews_play_in_turns() -> None:
+def test_pools_play_in_turns() -> None:
     """Two processes against one; rows come back in their places."""
-    work = make_work(("hole", "support"), 4, 10, seed=1)
+    workload = make_workload(("hole", "support"), 4, 10, seed=1)
     two, one = Engine("two", (*PYMUNK, "stepping"), 2, 4), Engine("one", (*PYMUNK, "episodes"), 1, 2)
-    with Crew(two) as first, Crew(one) as second:
+    with WorkerPool(two) as first, WorkerPool(one) as second:
         assert set(first.versions) == {"pymunk"}
-        played, seconds = first.load(work)
-        measured = compare([first, second], work, turns=3, least_seconds=0.0)
-    assert played == outcome(BarePymunk("episodes"), Job(**work.job(np.arange(8))))
+        played, seconds = first.load(workload)
+        measured = compare([first, second], workload, repeats=3, min_seconds=0.0)
+    assert played == results(BarePymunk("episodes"), Job(**workload.job(np.arange(8))))
     assert seconds > 0
     assert [m.engine for m in measured] == ["two", "one"]
     assert [m.episodes for m in measured] == [8, 4]
@@ -65,9 +65,9 @@ def test_crews_play_in_turns() -> None:
     assert ratio(measured[0], measured[0]) == 1.0
 
 
-def test_a_worker_that_cannot_start_is_told_in_one_line() -> None:
+def test_a_worker_that_cannot_start_is_reported_in_one_line() -> None:
     with (
         pytest.raises(RuntimeError, match=r"^wrong: a worker ended: ValueError: mode: expected [^\n]*$"),
-        Crew(Engine("wrong", (*PYMUNK, "flying"), 1, 1)),
+        WorkerPool(Engine("wrong", (*PYMUNK, "flying"), 1, 1)),
     ):
         pass

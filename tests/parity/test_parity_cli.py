@@ -21,7 +21,7 @@ from parity.__main__ import Options, main, scenes
         (["--fps"], "--fps: expected at least one value"),
         (["--dtype"], "--dtype: expected at least one value"),
         (["--statistics", "-1"], "--statistics: expected seconds, at least 0, got -1.0"),
-        (["--disturbances", "0"], "--disturbances: expected numbers between -1 and 1 but not 0, got 0.0"),
+        (["--perturbations", "0"], "--perturbations: expected numbers between -1 and 1 but not 0, got 0.0"),
         (["--games", "suport"], "suport"),
         (["--scene", "nowhere/missing.json"], "missing.json"),
         (["--games", "support", "--duration", "0.01"], "--duration: expected a whole number of steps"),
@@ -57,7 +57,7 @@ def test_a_run_leaves_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[s
     ]
     assert main([*options, "--workers", "1", "--out", str(tmp_path), "--name", "small"]) == 0
     output = capsys.readouterr().out
-    assert "10 fps, float64: every target is reached" in output
+    assert "10 fps, float64: every target is met" in output
     document = json.loads((tmp_path / "small.json").read_text())
     (table,) = document["tables"]
     assert [game["name"] for game in table["games"]] == ["support", "unseen_hole"]

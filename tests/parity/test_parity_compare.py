@@ -1,35 +1,26 @@
 """The comparison must see what is wrong: every test here plants an error and looks for it."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from iphyre_jax import load_scene
+from iphyre_jax import Simulation, load_scene
 from parity.compare import PlanComparison, binned, compare_plans, in_play, play_errors
 from parity.divergences import explain
 from parity.engines.trajectory import Trajectory
 from parity.plans import random_plans
-from parity.play import GameResult, play_reference
+from parity.play import GameResult, as_simulation, play_reference
 from parity.reports.report import as_json, markdown
 from parity.reports.summary import summarise
-from parity.reports.tables import cells, sections, verdict_line
-from parity.reports.verdict import missed_targets
+from parity.reports.tables import cells, sections, targets_line
+from parity.reports.targets_met import missed_targets
 from parity.tolerances import SHARE_LIMITS, TARGETS
 
 SCENE = load_scene("hole")
 PLANS = random_plans(SCENE, 8, 10, seed=2)
-
-
-@dataclass(frozen=True)
-class Played:
-    success: np.ndarray
-    steps: np.ndarray
-    eliminations: np.ndarray
-    fault: np.ndarray
-    samples: np.ndarray
 
 
 @pytest.fixture(scope="module")
@@ -38,34 +29,33 @@ def references() -> list[Trajectory]:
 
 
 @pytest.fixture
-def same(references: list[Trajectory]) -> Played:
-    return Played(
-        np.array([r.success for r in references]),
-        np.array([r.steps for r in references]),
-        np.array([r.eliminations for r in references]),
-        np.zeros(len(references), int),
-        np.stack([r.samples for r in references]),
-    )
+def same(references: list[Trajectory]) -> Simulation:
+    return as_simulation(references)
 
 
-def compared(references: list[Trajectory], played: Played) -> PlanComparison:
-    return compare_plans(references, played, SCENE.dynamic, 10)
+def compared(references: list[Trajectory], ours: Simulation) -> PlanComparison:
+    return compare_plans(references, ours, SCENE.dynamic, 10)
 
 
-def moved(played: Played, plan: int, step: int, by: float) -> Played:
-    samples = played.samples.copy()
+def moved(ours: Simulation, plan: int, step: int, by: float) -> Simulation:
+    samples = poses(ours).copy()
     samples[plan, step, SCENE.n_blocks, 0] += by
-    return replace(played, samples=samples)
+    return replace(ours, samples=samples)
 
 
-def test_equal_plays_have_no_error(references: list[Trajectory], same: Played) -> None:
+def poses(ours: Simulation) -> np.ndarray:
+    assert ours.samples is not None
+    return ours.samples
+
+
+def test_equal_plays_have_no_error(references: list[Trajectory], same: Simulation) -> None:
     row = summarise("hole", [compared(references, same)])
     assert (row.max_error, row.shares, row.faults) == (0.0, (1.0,) * len(SHARE_LIMITS), 0)
     assert (row.same_flag, row.same_step, row.same_bookkeeping) == (1.0, 1.0, 1.0)
     assert missed_targets(10, "float64", [row], row) == []
 
 
-def test_one_displaced_sample_is_found(references: list[Trajectory], same: Played) -> None:
+def test_one_displaced_sample_is_found(references: list[Trajectory], same: Simulation) -> None:
     c = compared(references, moved(same, 3, 5, 2e-5))
     np.testing.assert_allclose(c.error, np.where(np.arange(8) == 3, 2e-5, 0), rtol=1e-6)
     row = summarise("hole", [c])
@@ -88,30 +78,30 @@ def test_the_borders_of_play_belong_to_it() -> None:
     assert in_play(edge).tolist() == [True, True, False, False]
 
 
-def test_a_pose_that_is_not_finite_is_infinitely_far(references: list[Trajectory], same: Played) -> None:
+def test_a_pose_that_is_not_finite_is_infinitely_far(references: list[Trajectory], same: Simulation) -> None:
     c = compared(references, moved(same, 2, 4, np.nan))
     assert np.isinf(c.error[2])
     assert not c.same_presence[2]
 
 
-def test_a_course_keeps_the_worst_of_every_tenth_of_a_second() -> None:
-    course = np.array([0.0, 1.0, np.nan, 3.0, np.nan, 2.0, np.nan, np.nan])
-    np.testing.assert_array_equal(binned(course, 20, 10), np.array([1, 3, 2, np.nan, np.nan], np.float32))
-    np.testing.assert_array_equal(binned(course, 10, 9)[:4], np.array([0, 1, np.nan, 3], np.float32))
+def test_an_error_over_time_keeps_the_worst_of_every_tenth_of_a_second() -> None:
+    errors = np.array([0.0, 1.0, np.nan, 3.0, np.nan, 2.0, np.nan, np.nan])
+    np.testing.assert_array_equal(binned(errors, 20, 10), np.array([1, 3, 2, np.nan, np.nan], np.float32))
+    np.testing.assert_array_equal(binned(errors, 10, 9)[:4], np.array([0, 1, np.nan, 3], np.float32))
 
 
-def test_equal_bits_are_counted_in_and_out_of_play(references: list[Trajectory], same: Played) -> None:
+def test_equal_bits_are_counted_in_and_out_of_play(references: list[Trajectory], same: Simulation) -> None:
     assert compared(references, same).identical.all()
     assert not compared(references, moved(same, 3, -1, 1e-13)).identical[3]
 
 
-def test_a_fault_counts_against_every_share(references: list[Trajectory], same: Played) -> None:
+def test_a_fault_counts_against_every_share(references: list[Trajectory], same: Simulation) -> None:
     row = summarise("hole", [compared(references, replace(same, fault=np.array([0, 1, 0, 0, 0, 0, 0, 0])))])
     assert (row.faults, row.shares[-1]) == (1, 7 / 8)
     assert any("fault" in line for line in missed_targets(10, "float32", [row], row))
 
 
-def test_flag_and_step_are_told_apart(references: list[Trajectory], same: Played) -> None:
+def test_flag_and_step_are_compared_separately(references: list[Trajectory], same: Simulation) -> None:
     solved = np.flatnonzero(same.success)
     later = same.steps.copy()
     later[solved[0]] += 1
@@ -126,22 +116,14 @@ def test_flag_and_step_are_told_apart(references: list[Trajectory], same: Played
 
 
 def test_shares_of_solved_plans_need_solved_plans(references: list[Trajectory]) -> None:
-    unsolved = [i for i, reference in enumerate(references) if not reference.success]
-    chosen = [references[i] for i in unsolved]
-    played = Played(
-        np.zeros(len(chosen), bool),
-        np.array([r.steps for r in chosen]),
-        np.array([r.eliminations for r in chosen]),
-        np.zeros(len(chosen), int),
-        np.stack([r.samples for r in chosen]),
-    )
-    row = summarise("hole", [compared(chosen, played)])
+    unsolved = [reference for reference in references if not reference.success]
+    row = summarise("hole", [compared(unsolved, as_simulation(unsolved))])
     assert (row.solved, row.same_flag_solved, row.same_step_solved) == (0, None, None)
     assert "-" in cells(row)
 
 
-def test_a_block_removed_a_step_too_early_is_found(references: list[Trajectory], same: Played) -> None:
-    samples = same.samples.copy()
+def test_a_block_removed_a_step_too_early_is_found(references: list[Trajectory], same: Simulation) -> None:
+    samples = poses(same).copy()
     plan = int(np.argmax(same.eliminations))
     block = int(np.argmax(np.isnan(samples[plan, -1, :, 0])))
     last = int(np.flatnonzero(np.isfinite(samples[plan, :, block, 0]))[-1])
@@ -152,33 +134,33 @@ def test_a_block_removed_a_step_too_early_is_found(references: list[Trajectory],
     assert not compared(references, replace(same, eliminations=counts)).same_eliminations[plan]
 
 
-def test_plays_without_fitting_samples_are_refused(references: list[Trajectory], same: Played) -> None:
+def test_plays_without_fitting_samples_are_refused(references: list[Trajectory], same: Simulation) -> None:
     with pytest.raises(ValueError, match=r"^samples: expected shape \(8, 151, 7, 3\)"):
-        compared(references, replace(same, samples=same.samples[:, :10]))
+        compared(references, replace(same, samples=poses(same)[:, :10]))
     with pytest.raises(ValueError, match=r"^samples: expected sampled plays"):
         compared(references, replace(same, samples=None))
 
 
-def test_reports_keep_rates_and_types_apart(references: list[Trajectory], same: Played) -> None:
+def test_reports_keep_rates_and_types_apart(references: list[Trajectory], same: Simulation) -> None:
     good, bad = compared(references, same), compared(references, moved(same, 3, 5, 0.5))
-    told = explain(SCENE, PLANS, bad, 3, 10, "float64", 150, 1, traced=False)
+    plan = explain(SCENE, PLANS, bad, 3, 10, "float64", 150, 1, traced=False)
     results = [
-        GameResult(SCENE, 10, "float64", PLANS, bad, astray=(told,)),
+        GameResult(SCENE, 10, "float64", PLANS, bad, diverged=(plan,)),
         GameResult(SCENE, 60, "float64", PLANS, good),
     ]
-    made = sections(results)
-    assert [section.title for section in made] == ["10 fps, float64", "60 fps, float64"]
-    assert "MISSED" in verdict_line(made[0])
-    assert "every target" in verdict_line(made[1])
-    text = markdown(made, results, {"seed": 2})
-    assert text.count("\n## ") == 3  # two tables and what went astray
-    document = json.loads(as_json(made, results, {"seed": 2}))
+    tables = sections(results)
+    assert [section.title for section in tables] == ["10 fps, float64", "60 fps, float64"]
+    assert "MISSED" in targets_line(tables[0])
+    assert "every target" in targets_line(tables[1])
+    text = markdown(tables, results, {"seed": 2})
+    assert text.count("\n## ") == 3  # two tables and the plans that diverge
+    document = json.loads(as_json(tables, results, {"seed": 2}))
     assert [table["fps"] for table in document["tables"]] == [10, 60]
-    assert [(told["game"], told["fps"], told["plan"]) for told in document["astray"]] == [("hole", 10, 3)]
-    assert document["astray"][0]["eliminate_at"] == PLANS[3].tolist()
+    assert [(one["game"], one["fps"], one["plan"]) for one in document["diverged"]] == [("hole", 10, 3)]
+    assert document["diverged"][0]["eliminate_at"] == PLANS[3].tolist()
 
 
-def test_infinite_errors_make_valid_json(references: list[Trajectory], same: Played, tmp_path: Path) -> None:
+def test_infinite_errors_make_valid_json(references: list[Trajectory], same: Simulation, tmp_path: Path) -> None:
     results = [GameResult(SCENE, 10, "float32", PLANS, compared(references, moved(same, 2, 4, np.nan)))]
     text = as_json(sections(results), results, {})
 

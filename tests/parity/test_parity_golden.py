@@ -1,4 +1,4 @@
-"""Every game against pymunk's own plays, kept as files: nothing here needs pymunk, but for the last test."""
+"""Every game against plays of pymunk that are kept as files; only the last test needs pymunk."""
 
 import subprocess
 import sys
@@ -27,15 +27,15 @@ def test_the_splits_hold_every_game() -> None:
 @pytest.mark.parametrize("splits", [("basic", "noisy"), ("compositional",), ("multi_ball",)])
 def test_every_game_follows_its_golden_file(splits: tuple[str, ...]) -> None:
     comparisons = {
-        (name, made.fps): golden.compare(load_scene(name), made)
+        (name, plays.fps): golden.compare(load_scene(name), plays)
         for name in (name for split in splits for name in SPLITS[split])
-        for made in golden.read(load_scene(name))
+        for plays in golden.read(load_scene(name))
     }
     for fps in golden.EVERY:
         row = summarise(f"{fps} fps", [c for (_, rate), c in comparisons.items() if rate == fps])
-        strayed = {name: c.error.tolist() for (name, rate), c in comparisons.items() if rate == fps and c.error.any()}
-        assert (row.same_flag, row.same_step, row.same_bookkeeping, row.within(1e-6)) == (1.0, 1.0, 1.0, 1.0), strayed
-        assert row.identical >= GOLDEN_IDENTICAL, strayed
+        errors = {name: c.error.tolist() for (name, rate), c in comparisons.items() if rate == fps and c.error.any()}
+        assert (row.same_flag, row.same_step, row.same_bookkeeping, row.within(1e-6)) == (1.0, 1.0, 1.0, 1.0), errors
+        assert row.identical >= GOLDEN_IDENTICAL, errors
 
 
 NO_PYMUNK = """
@@ -44,8 +44,8 @@ sys.modules["pymunk"] = None  # importing it raises ImportError
 from iphyre_jax import load_scene
 from parity import golden
 scene = load_scene("support")
-for made in golden.read(scene):
-    assert golden.compare(scene, made).same_step.all()
+for plays in golden.read(scene):
+    assert golden.compare(scene, plays).same_step.all()
 print("compared")
 """
 

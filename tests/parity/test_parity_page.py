@@ -8,11 +8,11 @@ import pytest
 
 from iphyre_jax import load_scene
 from parity.compare import compare_plans
-from parity.divergences import Astray
+from parity.divergences import DivergedPlan
 from parity.plans import random_plans
-from parity.play import GameResult, Worst, as_played, play_reference
+from parity.play import GameResult, WorstPlan, as_simulation, play_reference
 from parity.reports.charts import log_height, sparkline
-from parity.reports.page import median_course, page
+from parity.reports.page import median_over_plans, page
 from parity.reports.tables import sections
 from parity.stages import Divergence
 from parity.statistics import Pair, Statistics
@@ -23,18 +23,18 @@ PLANS = random_plans(SCENE, 5, 10, seed=2)
 
 @pytest.fixture(scope="module")
 def text() -> str:
-    """A page of two types, of which float64 has a plan that goes astray and a game with a nasty name."""
+    """A page of two types; float64 has a plan that diverges, whose detail must be escaped."""
     plays = play_reference(SCENE, PLANS, 10, 15.0, 1)
-    disturbed = play_reference(SCENE, PLANS, 10, 15.0, 1, gravity=1 + 1e-6)
-    same = compare_plans(plays, as_played(plays), SCENE.dynamic, 10)
-    other = compare_plans(plays, as_played(disturbed), SCENE.dynamic, 10)
+    perturbed = play_reference(SCENE, PLANS, 10, 15.0, 1, gravity=1 + 1e-6)
+    same = compare_plans(plays, as_simulation(plays), SCENE.dynamic, 10)
+    other = compare_plans(plays, as_simulation(perturbed), SCENE.dynamic, 10)
     sides = (np.linspace(0, 1, 20) + np.arange(10)[:, None] for _ in range(2))
     pair = Pair("hole", 10, 1, *(Statistics(*side) for side in sides))
     found = Divergence(17, "contact masses", "row (0, 0): ours 1.0, the reference's <2.0>")
-    astray = Astray("hole", 10, "float64", 3, (1, 2, -1, -1), 0.25, (True, 80), (True, 81), 0, found)
-    worst = Worst(3, *(play.samples.astype(np.float32) for play in (plays[3], disturbed[3])))
+    diverged = DivergedPlan("hole", 10, "float64", 3, (1, 2, -1, -1), 0.25, (True, 80), (True, 81), 0, found)
+    worst = WorstPlan(3, *(play.samples.astype(np.float32) for play in (plays[3], perturbed[3])))
     results = [
-        GameResult(SCENE, 10, "float64", PLANS, other, {1e-6: other}, worst, (astray,), pair),
+        GameResult(SCENE, 10, "float64", PLANS, other, {1e-6: other}, worst, (diverged,), pair),
         GameResult(SCENE, 10, "float32", PLANS, same, {1e-6: other}),
     ]
     return page(sections(results), results, {"versions": {"pymunk": "<7>"}, "xla flags": "none"})
@@ -68,7 +68,7 @@ def test_every_element_is_closed(text: str) -> None:
     assert parser.open_ == []
 
 
-def test_what_went_astray_is_told_with_its_stage(text: str) -> None:
+def test_a_diverged_plan_is_shown_with_its_stage(text: str) -> None:
     assert "step 17, contact masses" in text
     assert "the reference&#x27;s &lt;2.0&gt;" in text
     assert "<2.0>" not in text
@@ -77,7 +77,7 @@ def test_what_went_astray_is_told_with_its_stage(text: str) -> None:
 
 
 def test_each_part_is_there(text: str) -> None:
-    parts = "Error against time", "Worst plays, 10 fps, float64", "side by side", "Circumstances", "g x (1 + 1e-6)"
+    parts = "Error over time", "Worst plays, 10 fps, float64", "side by side", "How to repeat", "g x (1 + 1e-6)"
     assert [words for words in parts if words not in text] == []
     assert text.count('class="chart"') == 1  # one game at one rate
     assert text.count('class="scene"') == 1
@@ -90,5 +90,5 @@ def test_errors_are_drawn_on_a_logarithmic_scale_with_zero_at_its_foot() -> None
 
 
 def test_the_median_is_over_what_is_in_play() -> None:
-    course = np.array([[1.0, np.nan, np.nan], [3.0, 5.0, np.nan], [2.0, 7.0, np.nan]], np.float32)
-    np.testing.assert_array_equal(median_course(course), [2.0, 5.0, np.nan])
+    errors = np.array([[1.0, np.nan, np.nan], [3.0, 5.0, np.nan], [2.0, 7.0, np.nan]], np.float32)
+    np.testing.assert_array_equal(median_over_plans(errors), [2.0, 5.0, np.nan])

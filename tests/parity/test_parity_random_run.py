@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from parity.compare import compare_plans
-from parity.divergences import Astray
+from parity.divergences import DivergedPlan
 from parity.fuzz import random_run
 from parity.fuzz.random_scenes import random_scene
-from parity.play import GameResult, as_played, play_reference
+from parity.play import GameResult, as_simulation, play_reference
 from parity.stages import Divergence
 
 SMALL = ["--scenes", "2", "--plans", "2", "--fps", "10", "--workers", "1", "--duration", "3"]
@@ -23,42 +23,42 @@ def test_a_killed_run_goes_on(
 ) -> None:
     options = [*SMALL, "--out", str(tmp_path)]
     assert random_run.main(options) == 0
-    assert "10 fps, float64: every target is reached" in capsys.readouterr().out
+    assert "10 fps, float64: every target is met" in capsys.readouterr().out
     report, log = tmp_path / "random.json", tmp_path / "random.part.jsonl"
     first = json.loads(report.read_text())
     assert [row["name"] for row in first["tables"][0]["games"]] == ["0: 1 ball", "1: 2 balls"]
 
     lines = log.read_text().splitlines()
     log.write_text("\n".join([*lines[:2], lines[2][:50]]))  # killed while it wrote the second task
-    played: list[Any] = []
+    ran: list[Any] = []
     right = random_run.compare_games
 
     def watched(tasks: list[Any], workers: int) -> Any:
-        played.extend(tasks)
+        ran.extend(tasks)
         return right(tasks, workers)
 
     monkeypatch.setattr(random_run, "compare_games", watched)
     assert random_run.main(options) == 0
-    assert len(played) == 1
+    assert len(ran) == 1
     assert json.loads(report.read_text()) == first
 
     assert random_run.main([*options, "--seed", "1"]) in (0, 1)  # other options begin anew
-    assert len(played) == 3
+    assert len(ran) == 3
 
 
 def test_a_result_is_read_as_it_was_written() -> None:
     scene = random_scene(1)
     plans = np.array([[-1] * len(scene.eliminable_blocks)] * 2, np.int32)
     plays = play_reference(scene, plans, 10, 3.0, 1)
-    told = Divergence(3, "roles", "other", True)
-    astray = Astray(scene.name, 10, "float64", 1, (-1,), 2.0, (True, 3), (False, 4), 1, None, told)
-    compared = compare_plans(plays, as_played(plays), scene.dynamic, 10)
-    result = GameResult(scene, 10, "float64", plans, compared, astray=(astray,))
+    stage = Divergence(3, "roles", "other", True)
+    diverged = DivergedPlan(scene.name, 10, "float64", 1, (-1,), 2.0, (True, 3), (False, 4), 1, None, stage)
+    compared = compare_plans(plays, as_simulation(plays), scene.dynamic, 10)
+    result = GameResult(scene, 10, "float64", plans, compared, diverged=(diverged,))
     again = random_run._result(json.loads(json.dumps(random_run._record(result))), {scene.name: scene})
-    assert (again.scene, again.fps, again.astray) == (scene, 10, (astray,))
+    assert (again.scene, again.fps, again.diverged) == (scene, 10, (diverged,))
     np.testing.assert_array_equal(again.eliminate_at, plans)
     for name, values in vars(compared).items():
-        if name != "course":
+        if name != "error_over_time":
             np.testing.assert_array_equal(getattr(again.comparison, name), values)
             assert getattr(again.comparison, name).dtype == values.dtype
 

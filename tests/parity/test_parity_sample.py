@@ -19,9 +19,9 @@ def check(results: list[GameResult]) -> None:
     for fps, dtype in {(result.fps, result.dtype) for result in results}:
         chosen = [result for result in results if (result.fps, result.dtype) == (fps, dtype)]
         row = summarise(f"{fps} fps, {dtype}", [result.comparison for result in chosen])
-        strayed = [r.game for r in chosen if (r.comparison.error > TARGETS[dtype, fps].error).any()]
+        diverged = [r.game for r in chosen if (r.comparison.error > TARGETS[dtype, fps].error).any()]
         assert row.faults == 0
-        assert row.within(TARGETS[dtype, fps].error) >= SAMPLE_SHARES[dtype], (row, strayed)
+        assert row.within(TARGETS[dtype, fps].error) >= SAMPLE_SHARES[dtype], (row, diverged)
         if dtype == "float64":
             assert (row.same_flag, row.same_step, row.same_bookkeeping) == (1.0, 1.0, 1.0), row
         else:

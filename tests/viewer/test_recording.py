@@ -94,8 +94,8 @@ def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: s
 
 
 def test_both_engines_side_by_side() -> None:
-    from parity.reports.film import both
+    from parity.reports.film import play_both
 
-    ours, theirs = both(HOLE, SOLVES, 60, "float64", 1)
+    ours, theirs = play_both(HOLE, SOLVES, 60, "float64", 1)
     assert (ours.success, ours.steps, ours.reward) == (theirs.success, theirs.steps, theirs.reward)
     np.testing.assert_allclose(ours.poses, theirs.poses, atol=1e-6)
