@@ -107,8 +107,20 @@ $(DOCS_VENV)/.stamp: pyproject.toml constraints.txt
 	$(DOCS_PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	@touch $@
 
+DOCS_PORT ?= 8765
+SHOOT := $(or $(CHROMIUM),chromium) --headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking \
+	--disable-component-update --disable-sync --hide-scrollbars --window-size=1400,2400
+
 docs-pictures: docs chromium ## pictures of the pages of the site in Chromium, in build/docs-pictures/
-	$(DOCS_PY) tools/picture_docs.py "$(CHROMIUM)"
+	rm -rf build/docs-pictures && mkdir -p build/docs-pictures
+	$(DOCS_PY) -m http.server --bind 127.0.0.1 --directory build/site $(DOCS_PORT) >build/docs-pictures/server.log 2>&1 & \
+	server=$$!; trap "kill $$server" EXIT; sleep 2; set -e; \
+	for page in $$(cd build/site && find . -name '*.html' ! -name 404.html | sed 's|^\./||'); do \
+		profile=$$(mktemp -d); \
+		$(SHOOT) --user-data-dir=$$profile --screenshot=build/docs-pictures/$$(echo $${page%.html} | tr / -).png \
+			http://127.0.0.1:$(DOCS_PORT)/$$page 2>>build/docs-pictures/chromium.log; \
+		rm -rf $$profile; \
+	done
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks
