@@ -99,6 +99,7 @@ results: .venv/.stamp ## train five seeds of every agent and write docs/results/
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
 	$(PY) -m benchmarks.agents --preset paper --seeds 1
 
+# The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
 	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict
 
