@@ -6,12 +6,14 @@ WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
 BROWSER_VENV := build/browser-venv
+DOCS_VENV := build/docs-venv
+DOCS_PY := $(DOCS_VENV)/bin/python
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help venv run test test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
-	parity-official pictures wheel results results-paper bench clean
+	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -91,11 +93,35 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 	$(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
 
-results: .venv/.stamp ## train five seeds of every agent and write docs/results.md; goes on where it stopped
+results: .venv/.stamp ## train five seeds of every agent and write docs/results/results.md; goes on where it stopped
 	$(PY) -m benchmarks.agents --weights iphyre_jax/train/weights
 
-results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results-paper.md
+results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
 	$(PY) -m benchmarks.agents --preset paper --seeds 1
+
+# The variable silences an announcement of the theme's makers; warnings still end the build.
+docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
+	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict
+
+$(DOCS_VENV)/.stamp: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(DOCS_VENV)
+	$(DOCS_PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
+DOCS_PORT ?= 8765
+SHOOT := $(or $(CHROMIUM),chromium) --headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking \
+	--disable-component-update --disable-sync --hide-scrollbars --window-size=1400,2400
+
+docs-pictures: docs chromium ## pictures of the pages of the site in Chromium, in build/docs-pictures/
+	rm -rf build/docs-pictures && mkdir -p build/docs-pictures
+	$(DOCS_PY) -m http.server --bind 127.0.0.1 --directory build/site $(DOCS_PORT) >build/docs-pictures/server.log 2>&1 & \
+	server=$$!; trap "kill $$server" EXIT; sleep 2; set -e; \
+	for page in $$(cd build/site && find . -name '*.html' ! -name 404.html | sed 's|^\./||'); do \
+		profile=$$(mktemp -d); \
+		$(SHOOT) --user-data-dir=$$profile --screenshot=build/docs-pictures/$$(echo $${page%.html} | tr / -).png \
+			http://127.0.0.1:$(DOCS_PORT)/$$page 2>>build/docs-pictures/chromium.log; \
+		rm -rf $$profile; \
+	done
 
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks

@@ -1,6 +1,6 @@
-"""`make results`: every row of docs/results.md, seed by seed, from nothing or from where it stopped.
+"""`make results`: every row of docs/results/results.md, seed by seed, from nothing or from where it stopped.
 
-    python -m benchmarks.agents --root build/results --out docs
+    python -m benchmarks.agents --root build/results --out docs/results
 
 Each row is an agent, each seed a run folder under the root; a run that is there is resumed or, if it is evaluated,
 left as it is. The document is written again after each run and says what is still missing.
@@ -69,7 +69,7 @@ class Arguments:
 
     root: Path = Path("build/results")
     """Folder of the runs."""
-    out: Path = Path("docs")
+    out: Path = Path("docs/results")
     """Folder of results.md and its pictures."""
     preset: PresetName = "default"
     """Preset of the paper's twelve rows; the document of "paper" is results-paper.md."""

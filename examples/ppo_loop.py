@@ -24,28 +24,28 @@ def make_train(game: str, updates: int, learning_rate: float = 1e-3) -> Any:  # 
     env, _ = iphyre_jax.make(f"on-the-fly/{game}-v1")
     size, optimiser = env.observation_space().shape[0], optax.adam(learning_rate)
 
-    def logits(weights: dict[str, jax.Array], seen: jax.Array) -> jax.Array:
-        return jnp.tanh(seen @ weights["in"]) @ weights["out"]
+    def logits(weights: dict[str, jax.Array], obs: jax.Array) -> jax.Array:
+        return jnp.tanh(obs @ weights["in"]) @ weights["out"]
 
     def train(key: jax.Array, params: iphyre_jax.EnvParams) -> tuple[dict[str, jax.Array], jax.Array]:
         key, reset_key, weight_key = jax.random.split(key, 3)
         weights = {"in": jax.random.normal(weight_key, (size, 64)) * 0.1, "out": jnp.zeros((64, env.num_actions))}
-        seen, state = jax.vmap(env.reset, in_axes=(0, None))(jax.random.split(reset_key, ENVS), params)
+        obs, state = jax.vmap(env.reset, in_axes=(0, None))(jax.random.split(reset_key, ENVS), params)
 
         def act(carry: Any, key: jax.Array) -> Any:  # noqa: ANN401
-            weights, seen, state = carry
+            weights, obs, state = carry
             action_key, step_key = jax.random.split(key)
-            action = jax.random.categorical(action_key, logits(weights, seen))
+            action = jax.random.categorical(action_key, logits(weights, obs))
             keys = jax.random.split(step_key, ENVS)
-            later, state, reward, terminated, truncated, _ = jax.vmap(env.step, in_axes=(0, 0, 0, None))(
+            next_obs, state, reward, terminated, truncated, _ = jax.vmap(env.step, in_axes=(0, 0, 0, None))(
                 keys, state, action, params
             )
-            return (weights, later, state), (seen, action, reward, terminated | truncated)
+            return (weights, next_obs, state), (obs, action, reward, terminated | truncated)
 
         def update(carry: Any, key: jax.Array) -> Any:  # noqa: ANN401
-            weights, moments, seen, state = carry
-            (_, later, state), batch = jax.lax.scan(act, (weights, seen, state), jax.random.split(key, STEPS))
-            observations, actions, rewards, done = batch
+            weights, moments, obs, state = carry
+            (_, obs, state), batch = jax.lax.scan(act, (weights, obs, state), jax.random.split(key, STEPS))
+            all_obs, actions, rewards, done = batch
 
             def backwards(total: jax.Array, step: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
                 total = step[0] + jnp.where(step[1], 0.0, total)
@@ -55,15 +55,15 @@ def make_train(game: str, updates: int, learning_rate: float = 1e-3) -> Any:  # 
             advantage = returns - returns.mean()
 
             def loss(weights: dict[str, jax.Array]) -> jax.Array:
-                chosen = jax.nn.log_softmax(logits(weights, observations))
+                chosen = jax.nn.log_softmax(logits(weights, all_obs))
                 log_prob = jnp.take_along_axis(chosen, actions[..., None], axis=-1)[..., 0]
                 return -(log_prob * advantage).mean()
 
             changes, moments = optimiser.update(jax.grad(loss)(weights), moments)
             weights = optax.apply_updates(weights, changes)
-            return (weights, moments, later, state), rewards.mean()
+            return (weights, moments, obs, state), rewards.mean()
 
-        start = weights, optimiser.init(weights), seen, state
+        start = weights, optimiser.init(weights), obs, state
         (weights, *_), rewards = jax.lax.scan(update, start, jax.random.split(key, updates))
         return weights, rewards
 
