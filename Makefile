@@ -31,7 +31,7 @@ test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
 
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
-	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py tests/envs/test_gymnasium.py
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/adapters/test_gymnasium_check.py tests/adapters/test_gymnasium.py
 
 fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number types
 	IPHYRE_JAX_FUZZ=10000 $(PY) -m pytest -s tests/scenes/test_fuzz.py
@@ -39,7 +39,7 @@ fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number t
 test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
-	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
+	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
 test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
 	$(PY) tests/robustness/kill.py

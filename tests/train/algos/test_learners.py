@@ -18,7 +18,7 @@ from iphyre_jax.train.algos.replay import Transition
 from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, Settings
 from iphyre_jax.train.settings.presets import PRESETS, preset
 from iphyre_jax.train.settings.run import AGENTS, TrainConfig
-from tests.train.probes import Probe, best, fitted, learned, observations, play
+from tests.train.algos.probes import Probe, best, fitted, learned, observations, play
 
 PLANNING: dict[str, tuple[Settings, dict[str, Any]]] = {
     "ppo slots": (PPO(learning_rate=3e-3), {"head": "slots"}),
