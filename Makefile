@@ -10,7 +10,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper bench clean
 
 help: ## list the targets
@@ -29,6 +29,9 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
+
+test-fast: lint ## the same without the tests marked slow, for daily work
+	$(PY) -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
 	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/adapters/test_gymnasium_check.py tests/adapters/test_gymnasium.py
