@@ -12,7 +12,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -32,8 +32,11 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
 
+test-fast: lint ## the same without the tests marked slow, for daily work
+	$(PY) -m pytest -n 2 --dist worksteal -m "not slow"
+
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
-	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/envs/test_check_env.py tests/envs/test_gymnasium.py
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/adapters/test_gymnasium_check.py tests/adapters/test_gymnasium.py
 
 fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number types
 	IPHYRE_JAX_FUZZ=10000 $(PY) -m pytest -s tests/scenes/test_fuzz.py
@@ -41,7 +44,7 @@ fuzz: .venv/.stamp ## ten thousand random scenes of 24 layouts, in both number t
 test-adapters: ## the tests of the brax adapter, in an environment of its own, for brax is large
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
-	$(ADAPTERS_VENV)/bin/python -m pytest tests/envs/test_brax.py
+	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
 test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
 	$(PY) tests/robustness/kill.py

@@ -1,7 +1,7 @@
 """What stays equal bit for bit from process to process (the section Determinism of docs/parity.md).
 
-That a world's bits depend neither on its neighbours nor on its place is in tests/physics/test_batching.py, that threads
-change nothing in tests/execution/test_compilation.py, that training repeats itself in tests/train/test_runs.py.
+Others: a world's neighbours and its place, tests/physics/test_batching.py; threads,
+tests/execution/compilation/test_executables.py; training, tests/train/storage/test_runs.py.
 """
 
 import os
@@ -23,7 +23,7 @@ for dtype in ("float64", "float32"):
 """
 # Neither our options nor wide vectors nor fused multiply-adds.
 OLD_PROCESSOR = """
-from iphyre_jax.execution import executables
+from iphyre_jax.execution.compilation import executables
 executables.options_for = lambda lanes: {options}
 """
 ONE_THREAD = "iphyre_jax.configure(cache=False, devices=1)"

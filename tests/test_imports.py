@@ -5,6 +5,7 @@ import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -13,6 +14,9 @@ import pytest
 import iphyre_jax
 
 PACKAGE = Path(iphyre_jax.__file__).parent
+ROOT = PACKAGE.parent
+PACKAGES = ("iphyre_jax", "parity", "benchmarks")
+MOST_FILES = 14  # in one folder, beside its __init__.py
 
 # Every part may import those before it, never one after it. A new part takes its place here.
 PARTS = (
@@ -49,10 +53,14 @@ def modules() -> list[tuple[str, Path]]:
     ] + [(file.stem, file) for file in files if file.parent == PACKAGE and file.stem != "__init__"]
 
 
-def imports(file: Path) -> Iterator[str]:
-    """The full names that a file imports, wherever in it."""
-    package = ["iphyre_jax", *file.relative_to(PACKAGE).parent.parts]
-    for node in ast.walk(ast.parse(file.read_text())):
+def imports(file: Path, *, for_types: bool = True) -> Iterator[str]:
+    """The full names that a file imports, wherever in it; without those for type checkers alone if asked."""
+    package = file.relative_to(ROOT).parent.parts
+    nodes = [ast.parse(file.read_text())]
+    while nodes:
+        node = nodes.pop()
+        if for_types or not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            nodes.extend(ast.iter_child_nodes(node))
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -75,6 +83,30 @@ def test_imports_point_one_way(part: str, file: Path) -> None:
 
 def test_every_part_is_there() -> None:
     assert {part for part, _ in modules()} == set(PARTS)
+
+
+def module_name(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_no_circle_of_imports() -> None:
+    files = {module_name(file): file for package in PACKAGES for file in (ROOT / package).rglob("*.py")}
+    graph = {
+        # Of `from package import name`, the module is either package.name or package.
+        module: {name if name in files else name.rpartition(".")[0] for name in imports(file, for_types=False)}
+        for module, file in files.items()
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_folders_stay_small(package: str) -> None:
+    folders = {file.parent for file in (ROOT / package).rglob("*.py")}
+    counts = {str(folder.relative_to(ROOT)): len(list(folder.glob("[!_]*.py"))) for folder in folders}
+    assert {folder: count for folder, count in counts.items() if count > MOST_FILES} == {}
 
 
 IMPORT_COSTS_NOTHING = """
@@ -129,8 +161,17 @@ def test_no_module_bears_the_name_of_an_export() -> None:
     assert set(iphyre_jax.__all__).isdisjoint({part for part, _ in modules()})
 
 
-def test_every_export_has_a_home() -> None:
+def names_for_type_checkers() -> dict[str, str]:
+    """The names in the TYPE_CHECKING block of the package, each with the module that it is imported from."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    (block,) = (node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    imported = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module).removeprefix("iphyre_jax.") for node in imported for alias in node.names}
+
+
+def test_every_export_has_a_home_and_a_type() -> None:
     assert set(iphyre_jax.__all__) == {*iphyre_jax._HOME, "__version__"}
+    assert names_for_type_checkers() == iphyre_jax._HOME
 
 
 def test_unknown_name_is_an_attribute_error() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = {"train", "parity", "tensorboard", "brax", "gymnasium", "viewer", "dev", "all", "browser"}
-TARGETS = ("help", "venv", "run", "test", "lint", "parity", "wheel", "bench")
+TARGETS = ("help", "venv", "run", "test", "test-fast", "lint", "parity", "wheel", "bench")
 
 
 def project() -> dict[str, object]:

@@ -56,7 +56,7 @@ def test_all_balls_must_be_below_at_once() -> None:
         [True, False, False],
         [False, True, True],
     )
-    played = simulate(scene, [[-1], [30]], fps=10, sample_every=150)
+    played = simulate(scene, [[-1], [30]], fps=10, dtype="float64", sample_every=150)
     assert played.success.tolist() == [False, True]
     assert played.steps[0] == 150
     assert played.eliminations.tolist() == [0, 1]
@@ -244,9 +244,9 @@ def test_plans_that_share_their_beginnings_end_as_they_do_alone(dtype: str) -> N
     plan[plan < 0] = -1
     which = generator.integers(0, 2, 300)
     plan[:40], which[:40] = plan[40:80], which[40:80]
-    plan[which == 1, 2:] = -1  # seesaw has two blocks
+    plan[which == 1, 2:] = -1  # pendulum has two blocks
     alone, shared = (
-        simulate_many(["hole", "seesaw"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
+        simulate_many(["hole", "pendulum"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
         for share in (False, True)
     )
     for name in ("success", "steps", "eliminations", "reward", "fault"):

@@ -10,6 +10,15 @@ import pytest
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import executables
 
+ANEW = {"folder", "compiled", "known"}  # fixtures of tests that compile, however often the suite has run
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what compiles anew, or starts a process for each case, as slow."""
+    for item in items:
+        if ANEW & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -2,4 +2,4 @@
 
 from importlib.util import find_spec
 
-collect_ignore_glob = [] if find_spec("pymunk") else ["test_parity_[!g]*.py"]
+collect_ignore_glob = [] if find_spec("pymunk") else ["test_[!g]*.py", "engines/*", "fuzz/*", "reports/*"]

@@ -13,7 +13,7 @@ from iphyre_jax.scenes import Scene, load_scene, scene_from_dict
 Change = Callable[[dict[str, Any]], object]
 
 
-def sound() -> dict[str, Any]:
+def valid_scene() -> dict[str, Any]:
     """Two eliminable bars (0, 1), a static one (2), a dynamic one (3) and a ball (4), with a joint and a spring."""
     return {
         "schema": "iphyre_jax/scene",
@@ -191,7 +191,7 @@ BAD: list[tuple[str, Change, str]] = [
 
 @pytest.mark.parametrize(("change", "line"), [pytest.param(c, m, id=i) for i, c, m in BAD])
 def test_wrong_field_gets_its_line(change: Change, line: str, tmp_path: Path) -> None:
-    scene = sound()
+    scene = valid_scene()
     change(scene)
     path = tmp_path / "bad.json"
     path.write_text(json.dumps(scene))
@@ -206,11 +206,11 @@ def test_sixty_and_more_are_refused() -> None:
 
 
 def test_the_unchanged_scene_is_sound() -> None:
-    assert scene_from_dict(sound()).eliminable_blocks == (0, 1)
+    assert scene_from_dict(valid_scene()).eliminable_blocks == (0, 1)
 
 
 def test_every_wrong_field_is_told() -> None:
-    scene = sound()
+    scene = valid_scene()
     scene["block"][0][0][0] = "x"
     scene["ball"][0][2] = None
     scene["eli"][2] = 3
@@ -221,7 +221,7 @@ def test_every_wrong_field_is_told() -> None:
 
 
 def test_a_flood_of_wrong_fields_is_cut() -> None:
-    scene = sound() | {f"foreign {i}": 0 for i in range(1000)}
+    scene = valid_scene() | {f"foreign {i}": 0 for i in range(1000)}
     with pytest.raises(ValueError) as error:
         scene_from_dict(scene)
     lines = str(error.value).split("\n")
@@ -259,7 +259,7 @@ def test_wrong_file_gets_its_line(content: bytes, line: str, tmp_path: Path) -> 
 
 def test_infinity_literal_is_told_by_its_field(tmp_path: Path) -> None:
     path = tmp_path / "bad.json"
-    path.write_text(json.dumps(sound()).replace("250", "-Infinity"))
+    path.write_text(json.dumps(valid_scene()).replace("250", "-Infinity"))
     with pytest.raises(ValueError) as error:
         load_scene(path)
     assert str(error.value) == f"{path}: ball[0][0]: {PX}-inf"
@@ -310,7 +310,7 @@ def test_unknown_game(given: str, line: str) -> None:
     assert str(error.value).endswith(line)
 
 
-@pytest.mark.parametrize("given", [None, 3, b"support", ["support"], sound()])
+@pytest.mark.parametrize("given", [None, 3, b"support", ["support"], valid_scene()])
 def test_not_a_scene_at_all(given: Any) -> None:
     with pytest.raises(
         ValueError, match=r"^scene: expected a game's name, the path of a scene file or a Scene, got "

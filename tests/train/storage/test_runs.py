@@ -316,6 +316,7 @@ def test_results_name_what_is_missing(finished: loop.EpisodeResult, tmp_path: Pa
         agents.run_row(tmp_path / "other", table["ppo-i"], QUIET)
 
 
+@pytest.mark.slow
 def test_command_line_trains_resumes_and_evaluates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,17 +14,17 @@ from parity.engines.views import StepView, their_view
 from parity.plans import random_plans
 from parity.stages import compare_step, first_divergence
 
-# Each brings something the others lack: crossing cores and roles (seesaw), collinear bars (noisy_fill), many balls
-# (multi_ball_stack), clashing contact ids (multi_ball_lever), a joint between moving bodies (activated_pendulum), a
-# spring (impulse_spring).
+# Each brings something the others lack: crossing cores and roles (seesaw), collinear bars (noisy_fill), two balls
+# (multi_ball_hole), clashing contact ids (multi_ball_lever), a joint between moving bodies (impulse_pendulum), a spring
+# (impulse_spring).
 STAGED = (
     ("support_hole", 60, 1),
     ("seesaw", 10, 1),
     ("noisy_fill", 10, 1),
-    ("multi_ball_stack", 60, 1),
+    ("multi_ball_hole", 60, 1),
     ("multi_ball_lever", 10, 1),
     ("multi_ball_lever", 10, 2),
-    ("activated_pendulum", 60, 3),
+    ("impulse_pendulum", 60, 3),
     ("impulse_spring", 60, 1),
 )
 

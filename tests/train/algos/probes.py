@@ -81,11 +81,17 @@ def play(config: TrainConfig, state: Any, key: jax.Array, probe: Probe) -> Traje
     )
 
 
+@partial(jax.jit, static_argnums=0)
+def first_state(config: TrainConfig, key: jax.Array) -> Any:
+    """The state before the first round, of one program: flax would compile each of its operations."""
+    return init(config, key)
+
+
 def learned(config: TrainConfig, probe: Probe) -> Any:
     """The state after all rounds."""
     config = fitted(config, probe)
     key, start = jax.random.split(jax.random.key(config.seed))
-    state = init(config, start)
+    state = first_state(config, start)
     for update in range(config.updates):
         play_key, learn_key = jax.random.split(jax.random.fold_in(key, update))
         trajectory = play(config, state, play_key, probe)
@@ -93,7 +99,7 @@ def learned(config: TrainConfig, probe: Probe) -> Any:
     return state
 
 
-def best(config: TrainConfig, probe: Probe, state: Any) -> np.ndarray:
+def greedy_actions(config: TrainConfig, probe: Probe, state: Any) -> np.ndarray:
     """(length, games, ...) greedy actions; seconds where they are times."""
     seen = jnp.asarray(observations(config, probe))
     actions = np.stack([np.asarray(algorithm(config).greedy(config, state, seen[k])) for k in range(probe.length)])

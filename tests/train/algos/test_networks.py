@@ -23,13 +23,13 @@ SEEN = jnp.asarray(observation_table(("hole", "multi_ball_spring")))
 @pytest.mark.parametrize("shape", [(6, 3), (7,), ()])
 def test_outputs_have_the_shape_asked_for(shape: tuple[int, ...]) -> None:
     for network in (Perceptron((16,), "relu", shape, 1.0), ObjectNetwork((16, 8), shape, 1.0)):
-        params = network.init(jax.random.key(0), SEEN)
-        assert network.apply(params, SEEN).shape == (2, *shape)
+        params = jax.eval_shape(network.init, jax.random.key(0), SEEN)
+        assert jax.eval_shape(network.apply, params, SEEN).shape == (2, *shape)
 
 
 def test_a_dueling_network_parts_value_from_deviations() -> None:
     network = Perceptron((16,), "relu", (7,), 1.0, dueling=True)
-    params = network.init(jax.random.key(0), SEEN)
+    params = jax.jit(network.init)(jax.random.key(0), SEEN)
     outputs = network.apply(params, SEEN)
     layers = jax.tree.map(np.asarray, params["params"])
     hidden = np.maximum(np.asarray(SEEN) @ layers["Dense_0"]["kernel"] + layers["Dense_0"]["bias"], 0)
@@ -57,9 +57,9 @@ def shuffled(seen: jax.Array) -> jax.Array:
 
 def test_objects_do_not_care_for_their_row() -> None:
     network = ObjectNetwork((16, 16), (6, 5), 1.0)
-    params = network.init(jax.random.key(0), SEEN)
+    params, apply = jax.jit(network.init)(jax.random.key(0), SEEN), jax.jit(network.apply)
     there = np.asarray(slot_mask(SEEN))
-    one, other = network.apply(params, SEEN), network.apply(params, shuffled(SEEN))
+    one, other = apply(params, SEEN), apply(params, shuffled(SEEN))
     np.testing.assert_allclose(one, other, atol=1e-4)
     assert np.abs(np.asarray(one)[there]).max() > 0.01
     assert len(np.unique(np.asarray(one)[0][there[0]].round(4), axis=0)) == there[0].sum()  # each slot its own
@@ -69,8 +69,9 @@ def test_the_first_policy_is_the_prior_for_every_scene() -> None:
     config = TrainConfig(hidden=(32,))
     for network in ("perceptron", "objects"):
         chosen = dataclasses.replace(config, network=network)  # type: ignore[arg-type]
-        params = actor_critic.init_params(chosen, jax.random.key(0), SEEN[:1])
-        assert float(jnp.abs(actor_critic.outputs(chosen, params, SEEN)).max()) < 0.1
+        params = jax.jit(actor_critic.init_params, static_argnums=0)(chosen, jax.random.key(0), SEEN[:1])
+        outputs = jax.jit(actor_critic.outputs, static_argnums=0)(chosen, params, SEEN)
+        assert float(jnp.abs(outputs).max()) < 0.1
 
 
 def test_masks_are_found_in_every_kind_of_observation() -> None:

@@ -18,10 +18,11 @@ import iphyre_jax
 from iphyre_jax.envs import Environment, EnvParams
 
 GAMES = ["support", "pendulum"]
+# Strategy, games and options: two topologies once, for compiling both into one program takes long.
 CASES = [
-    ("on-the-fly", {"observation": "motion", "final_observation": True}),
-    ("combined", {"autoreset": False}),
-    ("in-advance", {"protocol": "smooth"}),
+    ("on-the-fly", "backends-v1", {"observation": "motion", "final_observation": True}),
+    ("combined", "pendulum-v1", {"autoreset": False}),
+    ("in-advance", "support-v1", {"protocol": "smooth"}),
 ]
 
 
@@ -55,13 +56,14 @@ def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("strategy", "options"), CASES, ids=[case[0] for case in CASES])
-def test_both_backends_tell_the_same(two: str, strategy: str, options: dict[str, Any]) -> None:
+@pytest.mark.usefixtures("two")
+@pytest.mark.parametrize(("strategy", "games", "options"), CASES, ids=[case[0] for case in CASES])
+def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[str, Any]) -> None:
     """In float64, to the last bit: what is seen, rewards, flags and infos, autoreset included."""
     told = []
     with jax.enable_x64(True):
         for backend in ("host", "xla"):
-            env, params = iphyre_jax.make(f"{strategy}/{two}", dtype="float64", backend=backend, **options)
+            env, params = iphyre_jax.make(f"{strategy}/{games}", dtype="float64", backend=backend, **options)
             actions = actions_of(env, (160 if strategy == "on-the-fly" else 8, 5))
             told.append(played(env, params, actions))
     assert jax.tree.structure(told[0]) == jax.tree.structure(told[1])
@@ -166,6 +168,7 @@ def told(call: str = "", then: str = "", flags: str = "") -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_a_mixture_inside_a_program_of_a_process_of_its_own() -> None:
     """Two topologies, stepped with and without jit, beside an ordinary program: whatever was called or set first."""
     plain = told(then=ORDINARY)

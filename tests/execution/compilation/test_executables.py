@@ -215,6 +215,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_compilation(tmp_path: Path) -> None:
     """And the next call compiles as ever."""
     done = subprocess.run(

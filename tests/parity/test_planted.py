@@ -69,7 +69,7 @@ def no_clash_of_ids(patch: pytest.MonkeyPatch) -> None:
 
 PLANTED: tuple[tuple[Callable[[pytest.MonkeyPatch], None], str, int, str], ...] = (
     (slop, "hole", 60, "bounce and bias speeds"),
-    (one_sweep_fewer, "impulse", 10, "contact impulses"),
+    (one_sweep_fewer, "hole", 10, "contact impulses"),
     (roles_fixed, "angle", 10, "roles"),
     (order_by_index, "direction", 10, "visit order"),
     (no_copied_unapplied_impulses, "impulse", 60, "contact impulses"),

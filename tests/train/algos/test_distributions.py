@@ -111,14 +111,18 @@ def test_categorical_starts_at_its_prior() -> None:
 def test_samples_follow_the_distribution(name: HeadName) -> None:
     """The mean of -log p over samples is the entropy, and samples act in the box."""
     head = action_head(name)
-    outputs = jax.random.normal(jax.random.key(0), head.shape) * 0.5
-    many, mask = jnp.broadcast_to(outputs[None], (20_000, *head.shape)), jnp.broadcast_to(TWO, (20_000, 6))
-    choice = head.sample(jax.random.key(1), many, mask)
-    nats = -head.log_prob(many, choice, mask).mean()
-    if name != "squashed":  # it has no formula
-        slots = 2 if len(head.shape) == 2 else 1
-        np.testing.assert_allclose(nats, slots * head.entropy(outputs, TWO), rtol=0.03)
-    action = head.action(choice)
+
+    @jax.jit  # one program, not one for each operation
+    def drawn() -> tuple[jax.Array, jax.Array, jax.Array]:
+        outputs = jax.random.normal(jax.random.key(0), head.shape) * 0.5
+        many, mask = jnp.broadcast_to(outputs[None], (20_000, *head.shape)), jnp.broadcast_to(TWO, (20_000, 6))
+        choice = head.sample(jax.random.key(1), many, mask)
+        entropy = jnp.zeros(()) if name == "squashed" else head.entropy(outputs, TWO)  # squashed has no formula
+        return -head.log_prob(many, choice, mask).mean(), entropy, head.action(choice)
+
+    nats, entropy, action = drawn()
+    if name != "squashed":
+        np.testing.assert_allclose(nats, (2 if len(head.shape) == 2 else 1) * entropy, rtol=0.03)
     assert float(action.min()) >= 0
     assert float(action.max()) <= (1 if len(head.shape) == 2 else 2)
 
@@ -126,11 +130,17 @@ def test_samples_follow_the_distribution(name: HeadName) -> None:
 @pytest.mark.parametrize("name", SAMPLED)
 def test_the_mode_is_the_most_probable_choice(name: HeadName) -> None:
     head = action_head(name)
-    outputs = jax.random.normal(jax.random.key(3), (50, *head.shape))
-    mask = jnp.broadcast_to(TWO, (50, 6))
     normal = GaussianHead() if name == "squashed" else head  # the mode of u; tanh moves that of the density
-    mode, other = head.mode(outputs, mask), head.sample(jax.random.key(4), outputs, mask)
-    assert bool((normal.log_prob(outputs, mode, mask) >= normal.log_prob(outputs, other, mask)).all())
+
+    @jax.jit
+    def compared() -> tuple[jax.Array, jax.Array]:
+        outputs = jax.random.normal(jax.random.key(3), (50, *head.shape))
+        mask = jnp.broadcast_to(TWO, (50, 6))
+        mode, other = head.mode(outputs, mask), head.sample(jax.random.key(4), outputs, mask)
+        return normal.log_prob(outputs, mode, mask), normal.log_prob(outputs, other, mask)
+
+    best, other = compared()
+    assert bool((best >= other).all())
 
 
 def test_heads_by_name() -> None:

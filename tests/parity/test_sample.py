@@ -35,7 +35,7 @@ def test_a_sample_of_the_unseen_layouts_agrees() -> None:
 
 @pytest.mark.slow
 def test_a_sample_agrees_in_float32() -> None:
-    check(compared((*SPLITS["basic"], *SPLITS["noisy"]), ("float32",)))
+    check(compared(SPLITS["basic"], ("float32",)))
 
 
 @pytest.mark.slow

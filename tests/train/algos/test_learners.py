@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from iphyre_jax.train.algos import actor_critic, ddpg, dqn, ppo, sac
-from iphyre_jax.train.algos.registry import ALGORITHMS, algorithm, init
+from iphyre_jax.train.algos.registry import ALGORITHMS, algorithm
 from iphyre_jax.train.algos.replay import Transition
 from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, Settings
 from iphyre_jax.train.settings.presets import PRESETS, preset
 from iphyre_jax.train.settings.run import AGENTS, TrainConfig
-from tests.train.probes import Probe, best, fitted, learned, observations, play
+from tests.train.algos.probes import Probe, first_state, fitted, greedy_actions, learned, observations, play
 
 PLANNING: dict[str, tuple[Settings, dict[str, Any]]] = {
     "ppo slots": (PPO(learning_rate=3e-3), {"head": "slots"}),
@@ -67,11 +67,12 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
     return 1000.0 * np.exp(-np.square((15 * action[:, 0] - GOALS[scene]) / 2.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNING)
 def test_what_is_seen_decides_when(name: str) -> None:
     probe = Probe(("support", "spring"), 1, early_or_late)
     config = planner(name)
-    np.testing.assert_allclose(best(config, probe, learned(config, probe))[0, :, 0], GOALS, atol=1.5)
+    np.testing.assert_allclose(greedy_actions(config, probe, learned(config, probe))[0, :, 0], GOALS, atol=1.5)
 
 
 def right_so_far(k: int, action: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -79,30 +80,34 @@ def right_so_far(k: int, action: np.ndarray, good: np.ndarray) -> np.ndarray:
     return good & ((action == k) | (k == 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLYING)
 def test_what_pays_later_is_learned(name: str) -> None:
     """Needs values that look ahead: a reward two decisions later is due to this one."""
     probe = Probe(("support",), 3, lambda scene, k, _, good: 1000.0 * (good & (k == 2)), right_so_far)
     config = flyer(name)
-    np.testing.assert_array_equal(best(config, probe, learned(config, probe))[:2, 0], [0, 1])
+    np.testing.assert_array_equal(greedy_actions(config, probe, learned(config, probe))[:2, 0], [0, 1])
 
 
+@pytest.mark.slow
 def test_never_pays() -> None:
     """Every removal costs 10 and nothing succeeds: the best plan removes nothing."""
-    probe = Probe(("seesaw",), 1, lambda _, __, a, ___: -15 - 10.0 * (a[:, :2] > 0).sum(axis=1))
+    probe = Probe(("seesaw", "support"), 1, lambda _, __, a, ___: -15 - 10.0 * (a[:, :2] > 0).sum(axis=1))
     config = planner("ppo slots")
-    np.testing.assert_array_equal(best(config, probe, learned(config, probe))[0, 0, :2], [0, 0])
+    np.testing.assert_array_equal(greedy_actions(config, probe, learned(config, probe))[0, :, :2], 0)
 
 
+@pytest.mark.slow
 def test_small_differences_count_within_a_scene() -> None:
     """One scene pays 1000, the other never does: a difference of 10 in the first is still learned."""
     probe = Probe(
         ("support", "seesaw"), 1, lambda scene, _, a, __: np.where(scene == 0, 1000.0 - 10 * (a[:, 1] > 0), -15.0)
     )
     config = planner("ppo slots")
-    assert best(config, probe, learned(config, probe))[0, 0, 1] == 0
+    assert greedy_actions(config, probe, learned(config, probe))[0, 0, 1] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("agent", "discount"), [("ppo", 0.5), ("dqn", 0.5)])
 def test_values_are_discounted_sums(agent: str, discount: float) -> None:
     """400 points in each of three decisions, whatever is done: 0.4 (1 + d + d^2), 0.4 (1 + d), 0.4."""
@@ -127,7 +132,8 @@ def test_clipped_objective_by_hand() -> None:
 def batch_for(config: TrainConfig, state: Any, advantage: list[float]) -> tuple[jax.Array, actor_critic.Batch]:
     seen = jnp.asarray(observations(config, Probe(("support", "hole"), 1, early_or_late))[0])
     row = jnp.array([0, 0, 1, 1])
-    decision = actor_critic.act(config, state.params, jax.random.key(5), seen[row])
+    act = jax.jit(actor_critic.act, static_argnums=0)
+    decision = act(config, state.params, jax.random.key(5), seen[row])
     gain, there = jnp.asarray(advantage), jnp.array([1.0, 1.0, 1.0, 0.0])
     return seen, actor_critic.Batch(row, decision.choice, decision.log_prob, gain, gain, there)
 
@@ -135,7 +141,7 @@ def batch_for(config: TrainConfig, state: Any, advantage: list[float]) -> tuple[
 def test_ppo_loss_before_the_first_step() -> None:
     """All ratios are 1: minus the mean advantage of what was there, minus the weighted entropy; nothing is clipped."""
     config = planner("ppo slots")
-    state = init(config, jax.random.key(0))
+    state = first_state(config, jax.random.key(0))
     seen, batch = batch_for(config, state, [1.0, -0.5, 2.0, 100.0])
     zero = jnp.zeros(())
     value, metrics = ppo.loss(state.params, config, seen, batch, zero, zero)
@@ -148,7 +154,7 @@ def test_ppo_loss_before_the_first_step() -> None:
 def test_ppo_loss_of_another_policy_by_hand() -> None:
     """Plans that were half as probable when they were sampled: ratio 2, beyond the clip range."""
     config = planner("ppo slots")
-    state = init(config, jax.random.key(0))
+    state = first_state(config, jax.random.key(0))
     seen, batch = batch_for(config, state, [1.0, 1.0, -1.0, 7.0])
     batch = batch._replace(log_prob=batch.log_prob - math.log(2))
     value, metrics = ppo.loss(state.params, config, seen, batch, jnp.zeros(()), jnp.float32(0.1))
@@ -161,10 +167,10 @@ def test_ppo_loss_of_another_policy_by_hand() -> None:
 def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
     """Loss and gradient are those of the same observation given anew for each decision."""
     config = planner("ppo slots", network=network)
-    state = init(config, jax.random.key(0))
+    state = first_state(config, jax.random.key(0))
     seen, batch = batch_for(config, state, [1.0, -0.5, 2.0, 100.0])
     one_each = batch._replace(row=jnp.arange(4))
-    differentiated = jax.value_and_grad(ppo.loss, has_aux=True)
+    differentiated = jax.jit(jax.value_and_grad(ppo.loss, has_aux=True), static_argnums=1)
     few = differentiated(state.params, config, seen, batch, jnp.float32(0.5), jnp.zeros(()))
     many = differentiated(state.params, config, seen[batch.row], one_each, jnp.float32(0.5), jnp.zeros(()))
     for one, other in zip(jax.tree.leaves(few), jax.tree.leaves(many), strict=True):
@@ -185,8 +191,8 @@ def transition_of(config: TrainConfig, choice: jax.Array, discount: float) -> Tr
 def test_dqn_target_by_hand() -> None:
     """Chosen by the learned network, valued by the target's: 0.5 + 0.9 Q'(argmax Q)."""
     config = flyer("dqn")
-    learner = init(config, jax.random.key(0)).learned
-    learner = learner._replace(target=init(config, jax.random.key(1)).learned.value)
+    learner = first_state(config, jax.random.key(0)).learned
+    learner = learner._replace(target=first_state(config, jax.random.key(1)).learned.value)
     batch = transition_of(config, jnp.array([0]), 0.9)
     chosen = int(dqn.values(config, learner.value, batch.following).argmax())
     judged = dqn.values(config, learner.target, batch.following)[0, chosen]
@@ -198,7 +204,7 @@ def test_dqn_target_by_hand() -> None:
 def test_discrete_sac_target_by_hand() -> None:
     """0.5 + 0.9 sum_a pi(a) (min Q'(a) - alpha log pi(a)) over the three actions that support has."""
     config = flyer("sac")
-    learner = init(config, jax.random.key(0)).learned
+    learner = first_state(config, jax.random.key(0)).learned
     batch = transition_of(config, jnp.array([0]), 0.9)
     share = np.array([1 / 7, 3 / 7, 3 / 7])  # the head's prior: the policy's last layer is next to nothing at the start
     values = np.asarray(sac._values(config, learner.target, batch.following, batch.choice)).min(axis=0)[0, :3]
@@ -206,6 +212,7 @@ def test_discrete_sac_target_by_hand() -> None:
     np.testing.assert_allclose(sac.targets(config, learner, jax.random.key(3), batch), [0.5 + 0.9 * soft], atol=2e-3)
 
 
+@pytest.mark.slow
 def test_sac_holds_its_entropy() -> None:
     """Block 0 pays 300 points; alpha brings the entropy of the policy to the target, and no lower."""
     learner = SAC(learning_rate=3e-3, warmup=100, steps=32, batch=128, target_entropy=0.5, alpha=0.3)
@@ -225,15 +232,16 @@ def test_noise_and_epsilon_fall() -> None:
     np.testing.assert_allclose(share, [1.0, 0.02, 0.02, 0.02], rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo slots", "dqn on the fly"])
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
     """Two learners under `vmap` learn what each learns alone."""
     config = flyer(name.split()[0]) if name.endswith("fly") else planner(name)
-    config = dataclasses.replace(config, updates=3)
-    probe = Probe(("support", "hole"), 1, lambda scene, _, a, __: 100.0 * (a.reshape(len(a), -1)[:, 0] > 0.2))
+    games, length = (("support",), 3) if name.endswith("fly") else (("support", "hole"), 1)  # programs of other tests
+    probe = Probe(games, length, lambda scene, _, a, __: 100.0 * (a.reshape(len(a), -1)[:, 0] > 0.2))
     config = fitted(config, probe)
     learn = partial(algorithm(config).learn, config)
-    states = [init(config, jax.random.key(seed)) for seed in (1, 2)]
+    states = [first_state(config, jax.random.key(seed)) for seed in (1, 2)]
     rounds = [play(config, state, jax.random.key(3), probe) for state in states]
     keys = jax.random.split(jax.random.key(4))
     alone = [learn(state, key, each, 2)[0] for state, key, each in zip(states, keys, rounds, strict=True)]
