@@ -68,3 +68,15 @@ def shortest(one: Bars, two: Bars) -> Complex:
     """Return the shortest vector from the first core line to the second; they must not cross."""
     ways = [nearest_on(two, end) - end for end in one] + [end - nearest_on(one, end) for end in two]
     return np.choose(np.argmin(np.abs(ways), axis=0), ways)
+
+
+def corners(one: Bars, two: Bars) -> Complex:
+    """Return the corners of the difference sets by their codes, 2 * end of the first + end of the second."""
+    return np.array([two[code & 1] - one[code >> 1] for code in range(4)])
+
+
+def way_out(one: Bars, two: Bars) -> npt.NDArray[np.float64]:
+    """Return the length of the shortest shift that frees two core lines that cross."""
+    every = corners(one, two)
+    edges = [(every[i], every[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
+    return np.min([abs(((b - a).conj() * a).imag) / abs(b - a) for a, b in edges], axis=0)

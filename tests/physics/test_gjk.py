@@ -12,10 +12,22 @@ import numpy.typing as npt
 import pytest
 
 from iphyre_jax.physics import gjk
-from tests.physics.geometry import Bars, Complex, crossing, dot, nearest_on, number, random_bars, segment, shortest, vec
+from tests.physics.geometry import (
+    Bars,
+    Complex,
+    corners,
+    crossing,
+    dot,
+    nearest_on,
+    number,
+    random_bars,
+    segment,
+    shortest,
+    vec,
+    way_out,
+)
 
 COUNT = 400
-SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))  # of the parallelogram, by the codes of their corners
 
 Found = tuple[Complex, npt.NDArray[np.float64], npt.NDArray[np.int64]]  # normal, distance, side
 
@@ -36,21 +48,9 @@ def separation(one: Any, two: Any, start: Any = gjk.NO_SIDE) -> Found:
     return number(normal), np.asarray(distance), np.asarray(side)
 
 
-def corners(one: Bars, two: Bars) -> Complex:
-    """Return the corners of the difference sets by their codes, 2 * end of the first + end of the second."""
-    return np.array([two[code & 1] - one[code >> 1] for code in range(4)])
-
-
 def side_ends(one: Bars, two: Bars, side: npt.NDArray[np.int64]) -> Bars:
     every, pair = corners(one, two), np.arange(len(side))
     return every[side >> 2, pair], every[side & 3, pair]
-
-
-def way_out(one: Bars, two: Bars) -> npt.NDArray[np.float64]:
-    """Return the distance of the origin, inside, from the nearest line through a side."""
-    every = corners(one, two)
-    edges = [(every[i], every[j]) for i, j in SIDES]
-    return np.min([abs(((b - a).conj() * a).imag) / abs(b - a) for a, b in edges], axis=0)
 
 
 def test_nearest_point_of_a_side_to_the_origin() -> None:

@@ -28,7 +28,7 @@ STARTS = [(100.0, 100.0, 20.0), (180.0, 160.0, 20.0), (400.0, 100.0, 20.0), (430
 MOVED = np.array([90 + 110j, 190 + 155j, 380 + 90j, 440 + 150j])  # where the balls are now
 VELOCITY = np.array([30 - 20j, -50 + 10j, 5 + 40j, 70 - 60j])
 PIN_IMPULSE = 3.5
-KINDS = {"two balls": ((2, 3), (4, 5)), "bar to ball": ((0, 3), (1, 5)), "ball to bar": ((2, 0), (4, 1))}
+KINDS = {"between balls": ((2, 3), (4, 5)), "with bars": ((0, 3), (4, 1))}  # the pin and the spring
 
 
 @pytest.fixture(autouse=True)
@@ -121,7 +121,7 @@ def test_pins_and_springs_by_their_formulae(kind: str) -> None:
 
 def test_the_bias_leaves_its_share_of_the_error_after_a_second() -> None:
     """One step at the wanted speed leaves 1 - bias of the error, all steps of a second the base."""
-    pin, spring = KINDS["two balls"]
+    pin, spring = KINDS["between balls"]
     topology, world, state = world_of([pin], [spring])
     link = _stages(topology, world, state)["links"][0]
     error = abs(MOVED[1] - MOVED[0]) - 100
@@ -131,7 +131,7 @@ def test_the_bias_leaves_its_share_of_the_error_after_a_second() -> None:
 
 
 def test_a_removed_bar_lets_go() -> None:
-    pin, spring = KINDS["bar to ball"]
+    pin, spring = KINDS["with bars"]
     topology, world, state = world_of([pin], [spring])
     found = _stages(topology, world, replace(state, alive=jnp.zeros_like(state.alive)))
     for stage in ("springs", "cached", "once", "twice"):
@@ -140,7 +140,7 @@ def test_a_removed_bar_lets_go() -> None:
 
 
 def test_a_spring_between_two_centres_in_one_does_not_pull() -> None:
-    pin, spring = KINDS["two balls"]
+    pin, spring = KINDS["between balls"]
     topology, world, state = world_of([pin], [spring])
     found = _stages(topology, world, replace(state, position=vec([*MOVED[:3], MOVED[2]])))
     assert number(found["links"][1].normal) == 0

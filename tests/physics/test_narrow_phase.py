@@ -14,7 +14,7 @@ from pymunk._chipmunk_cffi import lib
 
 from iphyre_jax.physics import gjk, narrow_phase
 from iphyre_jax.physics.narrow_phase import Touch
-from tests.physics.geometry import crossing, dot, nearest_on, number, random_bars, segment, shortest, vec
+from tests.physics.geometry import crossing, dot, nearest_on, number, random_bars, segment, shortest, vec, way_out
 from tests.physics.worlds import DTYPES
 
 both = pytest.mark.parametrize("dtype", DTYPES)
@@ -35,20 +35,21 @@ def _bars(one: Any, two: Any, first_is_a: jax.Array, searched: bool) -> Any:
 def bars(one: Any, two: Any, dtype: str, first_is_a: bool = True) -> tuple[Touch, Touch]:
     with jax.enable_x64(dtype == "float64"):
         sides = (segment((np.resize(a, COUNT), np.resize(b, COUNT)), dtype) for a, b in (one, two))
-        return _bars(*sides, jnp.full(COUNT, first_is_a), dtype == "float64")
+        return jax.tree.map(np.asarray, _bars(*sides, np.full(COUNT, first_is_a), dtype == "float64"))
 
 
 def circles(p: Any, r: Any, q: Any, s: Any, dtype: str, first_is_a: Any = True) -> Touch:
     with jax.enable_x64(dtype == "float64"):
         p, q, r, s, first_is_a = (np.resize(given, COUNT) for given in (p, q, r, s, first_is_a))
         radii = jnp.asarray(r, dtype), jnp.asarray(s, dtype)
-        return _circles(vec(p, dtype), radii[0], vec(q, dtype), radii[1], jnp.asarray(first_is_a))
+        touch = _circles(vec(p, dtype), radii[0], vec(q, dtype), radii[1], first_is_a)
+        return jax.tree.map(np.asarray, touch)
 
 
 def circle_bar(p: Any, r: Any, a: Any, b: Any, dtype: str) -> Touch:
     with jax.enable_x64(dtype == "float64"):
         p, r, a, b = (np.resize(given, COUNT) for given in (p, r, a, b))
-        return _circle_bar(vec(p, dtype), jnp.asarray(r, dtype), segment((a, b), dtype))
+        return jax.tree.map(np.asarray, _circle_bar(vec(p, dtype), jnp.asarray(r, dtype), segment((a, b), dtype)))
 
 
 @both
@@ -123,12 +124,15 @@ def test_random_bars_touch_where_they_are_nearest(dtype: str) -> None:
     """The deepest point is as deep as the cores are near; both points lie on the surfaces, one against the other."""
     one, two = random_bars(COUNT, 2, 100)
     first, second = bars(one, two, dtype)
-    apart = ~crossing(one, two)
-    way, normal = shortest(one, two), number(first.normal)
-    distance = abs(way)
-    np.testing.assert_array_equal((first.touching | second.touching)[apart], (distance <= 20)[apart])
-    assert 30 < np.sum(apart & (distance <= 20)) < COUNT / 2
-    np.testing.assert_allclose(normal[apart], (way / distance)[apart], atol=10 * NEAR[dtype])
+    cross = crossing(one, two)
+    apart, way, normal = ~cross, shortest(one, two), number(first.normal)
+    distance = np.where(apart, abs(way), -way_out(one, two))
+    near = distance <= 20
+    np.testing.assert_array_equal(first.touching | second.touching, near)
+    assert min(np.sum(apart & near), np.sum(cross), np.sum(apart & ~near)) > 50
+    shift = -1.001 * distance * normal
+    assert not crossing(one, (two[0] + shift, two[1] + shift))[cross].any()
+    np.testing.assert_allclose(normal[apart], (way / abs(way))[apart], atol=10 * NEAR[dtype])
     deepest = np.full(COUNT, np.inf)
     for touch in (first, second):
         on_first, on_second = number(touch.on_first), number(touch.on_second)
@@ -138,7 +142,6 @@ def test_random_bars_touch_where_they_are_nearest(dtype: str) -> None:
         core_one, core_two = on_first - 10 * normal, on_second + 10 * normal
         np.testing.assert_allclose(nearest_on(one, core_one), core_one, atol=NEAR[dtype])
         np.testing.assert_allclose(nearest_on(two, core_two), core_two, atol=NEAR[dtype])
-    near = apart & (distance <= 20)
     np.testing.assert_allclose(deepest[near], distance[near] - 20, atol=NEAR[dtype])
 
 
@@ -178,8 +181,7 @@ def test_every_kind_of_pair_is_pymunks_to_the_last_bit() -> None:
     two = [np.where(flat, end + 20j, end) for end in two]
     p, q = one[0], two[1]
     r, s = np.random.default_rng(5).uniform(5, 60, (2, COUNT))
-    kinds = (circles(p, r, q, s, "float64"),), (circle_bar(p, r, *two, "float64"),), bars(one, two, "float64")
-    found = jax.tree.map(np.asarray, kinds)
+    found = (circles(p, r, q, s, "float64"),), (circle_bar(p, r, *two, "float64"),), bars(one, two, "float64")
     touching = [0, 0, 0]
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     for k in range(COUNT):
