@@ -1,0 +1,119 @@
+"""The broad phase before the first step against a pymunk space that was filled with the same shapes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pymunk
+import pytest
+from pymunk._chipmunk_cffi import ffi, lib
+
+from iphyre_jax import Scene
+from iphyre_jax.physics import initial_order
+from iphyre_jax.physics.constants import HASH_COEFFICIENT
+from iphyre_jax.physics.initial_order import Insertion
+from iphyre_jax.scenes.limits import Limits
+from parity.engines.trace import TracedWorld
+
+EVERYWHERE = pymunk.BB(-1e4, -1e4, 1e4, 1e4)
+KINDS = {"few": (3, 1, 1), "many": (9, 3, 5), "movers": (0, 6, 8)}  # static bars, moving bars, balls
+
+
+def crowd(kind: str, seed: int) -> Scene:
+    """Draw a scene whose shapes lie thick: most pairs of boxes overlap. Static and moving bars are mixed."""
+    generator = np.random.default_rng(seed)
+    static, moving, balls = KINDS[kind]
+    side = 200 + 20 * sum(KINDS[kind])
+    ends = generator.integers(200, side, (static + moving, 2, 2)).astype(float)
+    ends[:, 1] += 0.5  # no bar without length
+    moves = generator.permutation([False] * static + [True] * moving).tolist() + [True] * balls
+    discs = np.column_stack([generator.integers(200, side, (balls, 2)), generator.integers(10, 40, balls)])
+    eliminable = [False] * len(moves)
+    return Scene("crowd", ends.tolist(), discs.astype(float).tolist(), eliminable, moves, (), (), limits=Limits(20, 6))
+
+
+def replay(world: Any, resets: int) -> Insertion:
+    """Replay the insertion with the boxes that pymunk's own shapes have."""
+    boxes = []
+    for shape in world.shapes:
+        box = shape.cache_bb()
+        boxes.append((box.left, box.bottom, box.right, box.top))  # y points down, so its bottom is the smaller y
+    return initial_order.replay_insertion(boxes, list(world.scene.dynamic), resets)
+
+
+def by_tree(insertion: Insertion) -> list[int]:
+    """Return the moving bodies as their path bits order them."""
+    return sorted(insertion.path, key=lambda i: insertion.path[i])
+
+
+def iteration_order(world: Any) -> list[int]:
+    """Return the moving shapes in the order in which the space's own loop over them goes."""
+    handles, seen = [ffi.cast("uintptr_t", shape._shape) for shape in world.shapes], []
+
+    @ffi.callback("void(cpShape *, void *)")
+    def visit(shape: Any, _: Any) -> None:
+        seen.append(handles.index(ffi.cast("uintptr_t", shape)))
+
+    lib.cpSpaceEachShape(world.space._space, visit, ffi.NULL)
+    return [i for i in seen if world.scene.dynamic[i]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_trees_are_read_in_pymunks_order(kind: str, seed: int) -> None:
+    world = TracedWorld(crowd(kind, seed))
+    found = [world.shapes.index(shape) for shape in world.space.bb_query(EVERYWHERE, pymunk.ShapeFilter())]
+    insertion, moves = replay(world, 1), world.scene.dynamic
+    assert by_tree(insertion) == [i for i in found if moves[i]]
+    assert list(insertion.static_order) == [i for i in found if not moves[i]]
+
+
+@pytest.mark.parametrize("resets", [1, 2, 5])
+@pytest.mark.parametrize("kind", KINDS)
+def test_moving_shapes_are_visited_in_pymunks_order(kind: str, resets: int) -> None:
+    """Their table grows with the fifth and with the thirteenth; ids count on over resets."""
+    world = TracedWorld(crowd(kind, 7), resets)
+    assert list(replay(world, resets).leaf_order) == iteration_order(world)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_first_contacts_come_in_pymunks_order(kind: str, seed: int) -> None:
+    """By the owner's rank, and of one owner's pairs the last inserted first; the mover of higher rank owns a pair."""
+    world = TracedWorld(crowd(kind, seed))
+    insertion, moves = replay(world, 1), world.scene.dynamic
+    rank = {i: k for k, i in enumerate(by_tree(insertion))}
+    visited = [(min(pair.a, pair.b), max(pair.a, pair.b)) for pair in world.step(1e-6)]
+    assert len(visited) >= len(moves) / 2
+    counter = insertion.counter
+    assert sorted(counter.values()) == list(range(1, len(counter) + 1))
+    assert visited == sorted(visited, key=lambda pair: (max(rank.get(i, -1) for i in pair), -counter[pair]))
+
+
+def test_path_bits_are_those_of_a_tree() -> None:
+    """Left-aligned; no leaf's bits begin another's; together they fill the tree."""
+    insertion = replay(TracedWorld(crowd("many", 0)), 1)
+    bits = len(insertion.path) - 1
+    codes = [format(insertion.path[i], f"0{bits}b") for i in insertion.path]
+    starts = [code[: insertion.depth[i]] for i, code in zip(insertion.path, codes, strict=True)]
+    assert sum(0.5 ** len(start) for start in starts) == 1
+    assert not any(a is not b and b.startswith(a) for a in starts for b in starts)
+    assert all(set(code[len(start) :]) <= {"0"} for code, start in zip(codes, starts, strict=True))
+    lone = initial_order.replay_insertion([(0.0, 0.0, 1.0, 1.0)], [True], 1)
+    assert (lone.path, lone.depth, lone.counter) == ({0: 0}, {0: 0}, {})
+
+
+def test_fat_boxes_and_ids_by_hand() -> None:
+    margin = float(np.float32(0.1))
+    assert initial_order.grown((10.0, 20.0, 30.0, 120.0)) == (
+        10 - 20 * margin,
+        20 - 100 * margin,
+        30 + 20 * margin,
+        120 + 100 * margin,
+    )
+    assert initial_order.point_classes(0, 1).tolist() == [0, 1, 1, 0]  # equal hashes in a fresh space
+    for ids in ((3, 7), (11, 2)):
+        symmetric = [ids[0] * HASH_COEFFICIENT % 2**64 ^ end * HASH_COEFFICIENT for end in (0, 1)]
+        assert symmetric[0] != symmetric[1]
+        assert initial_order.point_classes(*ids).tolist() == [0, 1, 2, 3]
