@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
-from iphyre_jax.scenes.geometry import remarks
+from iphyre_jax.scenes.geometry import scene_warnings
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,6 @@ def _describe(path: Path, limits: Limits | None, console: Console) -> None:
         f"{len(scene.joints)} joints",
         f"{len(scene.springs)} springs",
     ]
-    lines = [f"{path}: valid, {scene.name}: {', '.join(parts)}", *(f"{path}: {line}" for line in remarks(scene))]
+    lines = [f"{path}: valid, {scene.name}: {', '.join(parts)}", *(f"{path}: {line}" for line in scene_warnings(scene))]
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -122,7 +122,9 @@ def render(command: Render, console: Console) -> None:
     starts = GAMES if what == "all" else SPLITS.get(what)
     if starts is not None:
         plays = [start_of(load_scene(game)) for game in starts]
-        save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=0, look=_look(command, 150)))
+        save_picture(
+            command.out, contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, 150))
+        )
     elif what == BEST or what.endswith(".jsonl") or Path(what).is_dir():
         chosen = [play for play in load_plays(what) if command.game in (None, play.scene.name)]
         chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
@@ -132,16 +134,16 @@ def render(command: Render, console: Console) -> None:
         frame = -1 if command.frame is None else command.frame
         if command.game is None:
             sheet = contact_sheet(
-                [play.record() for play in chosen], columns=command.columns, frame=frame, look=_look(command, 150)
+                [play.record() for play in chosen], columns=command.columns, frame=frame, look=_frame_look(command, 150)
             )
             save_picture(command.out, sheet)
         else:
             side, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
-            save(command.out, side, _look(command, 600), titles, frame=frame, hold=command.hold)
+            save(command.out, side, _frame_look(command, 600), titles, frame=frame, hold=command.hold)
     else:
-        play = _planned(command, load_scene(what))
+        play = _record_plan(command, load_scene(what))
         frame = -1 if command.frame is None else command.frame
-        save(command.out, play, _look(command, 600), frame=frame, hold=command.hold)
+        save(command.out, play, _frame_look(command, 600), frame=frame, hold=command.hold)
         state = "solved" if play.success else "not solved"
         console.print(
             f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}",
@@ -154,7 +156,7 @@ def render(command: Render, console: Console) -> None:
     )
 
 
-def _look(command: Render, size: int) -> Look:
+def _frame_look(command: Render, size: int) -> Look:
     """Return how the frames are to look."""
     from iphyre_jax.viewer.frames import Look
 
@@ -167,7 +169,7 @@ def _look(command: Render, size: int) -> Look:
     )
 
 
-def _planned(command: Render, scene: Scene) -> Recording:
+def _record_plan(command: Render, scene: Scene) -> Recording:
     """Return the play of a scene under the command's plan."""
     times = seconds_of(command.plan, scene)
     steps = plan_to_steps(times, command.fps, command.rule)[0]
@@ -241,19 +243,19 @@ def evaluate_plays(path: Path, console: Console) -> None:
     for entry in plays:
         recording = entry.record()
         groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
-        if told := entry.differs(recording):
+        if difference := entry.difference(recording):
             console.print(
-                f"{entry.agent}, {entry.scene.name}: the file says {told}",
+                f"{entry.agent}, {entry.scene.name}: the file says {difference}",
                 markup=False,
                 highlight=False,
                 soft_wrap=True,
             )
     for (fps, agent), games in sorted(groups.items(), key=lambda group: group[0]):
         console.print(f"{agent} at {fps} steps a second", markup=False, highlight=False, soft_wrap=True)
-        console.print(_table(games, fps))
+        console.print(_score_table(games, fps))
 
 
-def _table(games: dict[Scene, list[float]], fps: int) -> Table:
+def _score_table(games: dict[Scene, list[float]], fps: int) -> Table:
     """Return the attempts of one agent at one rate, by game."""
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column("game", no_wrap=True)

@@ -11,11 +11,11 @@ from iphyre_jax.scenes.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ObjectRef:
     """A block or ball of a builder, to tie joints and springs to."""
 
     is_ball: bool
-    place: int  # among the builder's blocks, or among its balls
+    index: int  # among the builder's blocks, or among its balls
 
 
 class SceneBuilder:
@@ -38,8 +38,8 @@ class SceneBuilder:
         self.name, self.limits = name, limits
         self._blocks: list[tuple[tuple[float, float], tuple[float, float], bool, bool]] = []
         self._balls: list[tuple[float, float, float]] = []
-        self._joints: list[tuple[Part, Part]] = []
-        self._springs: list[tuple[Part, Part]] = []
+        self._joints: list[tuple[ObjectRef, ObjectRef]] = []
+        self._springs: list[tuple[ObjectRef, ObjectRef]] = []
 
     def block(
         self,
@@ -48,7 +48,7 @@ class SceneBuilder:
         *,
         eliminable: bool = False,
         dynamic: bool = False,
-    ) -> Part:
+    ) -> ObjectRef:
         """Add a block, a bar of radius 10 px between two points.
 
         Args:
@@ -58,19 +58,19 @@ class SceneBuilder:
             dynamic: it moves.
         """
         self._blocks.append((start, end, eliminable, dynamic))
-        return Part(False, len(self._blocks) - 1)
+        return ObjectRef(False, len(self._blocks) - 1)
 
-    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> Part:
+    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> ObjectRef:
         """Add a ball."""
         x, y = centre
         self._balls.append((x, y, radius))
-        return Part(True, len(self._balls) - 1)
+        return ObjectRef(True, len(self._balls) - 1)
 
-    def joint(self, first: Part, second: Part) -> None:
+    def joint(self, first: ObjectRef, second: ObjectRef) -> None:
         """Hold the centres of two objects at the distance they have at the start."""
         self._joints.append((first, second))
 
-    def spring(self, first: Part, second: Part) -> None:
+    def spring(self, first: ObjectRef, second: ObjectRef) -> None:
         """Tie the centres of two objects with a spring of a rest length of 20 px."""
         self._springs.append((first, second))
 
@@ -93,9 +93,9 @@ class SceneBuilder:
             limits=self.limits,
         )
 
-    def _pairs(self, parts: list[tuple[Part, Part]]) -> tuple[tuple[int, int], ...]:
+    def _pairs(self, pairs: list[tuple[ObjectRef, ObjectRef]]) -> tuple[tuple[int, int], ...]:
         """Return object indices: blocks come first, then balls."""
-        return tuple((self._index(first), self._index(second)) for first, second in parts)
+        return tuple((self._index(first), self._index(second)) for first, second in pairs)
 
-    def _index(self, part: Part) -> int:
-        return part.place + len(self._blocks) * part.is_ball
+    def _index(self, ref: ObjectRef) -> int:
+        return ref.index + len(self._blocks) * ref.is_ball

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from difflib import get_close_matches
 from typing import Final
 
-from iphyre_jax.scenes.errors import one_line, refuse, show
+from iphyre_jax.scenes.errors import one_line, raise_problems, show
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED
 from iphyre_jax.scenes.scene import Scene
@@ -58,16 +58,16 @@ def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits 
     Raises:
         ValueError: fields are wrong; one line for each.
     """
-    draft = check_scene(fields, source, limits=limits)
+    raw = check_scene(fields, source, limits=limits)
     return Scene(
-        name=draft.name,
-        blocks=draft.bars,  # type: ignore[arg-type]  # lists become arrays there
-        balls=draft.balls,  # type: ignore[arg-type]
-        eliminable=draft.eliminable,  # type: ignore[arg-type]
-        dynamic=draft.dynamic,  # type: ignore[arg-type]
-        joints=tuple(draft.joints),
-        springs=tuple(draft.springs),
-        limits=draft.limits,
+        name=raw.name,
+        blocks=raw.bars,  # type: ignore[arg-type]  # lists become arrays there
+        balls=raw.balls,  # type: ignore[arg-type]
+        eliminable=raw.eliminable,  # type: ignore[arg-type]
+        dynamic=raw.dynamic,  # type: ignore[arg-type]
+        joints=tuple(raw.joints),
+        springs=tuple(raw.springs),
+        limits=raw.limits,
     )
 
 
@@ -120,12 +120,12 @@ def check_object(data: object, source: str, schema: str, version: int, fields: I
     elif type(data.get("version")) is not int or data["version"] != version:
         problems.append(f"version: expected {version}, got {show(data.get('version'))}")
     else:
-        problems.extend(_foreign(key, known) for key in data if key not in known)
-    refuse(source, problems)
+        problems.extend(_unknown_field(key, known) for key in data if key not in known)
+    raise_problems(source, problems)
     return data
 
 
-def _foreign(key: object, known: tuple[str, ...]) -> str:
+def _unknown_field(key: object, known: tuple[str, ...]) -> str:
     """Tell a field that does not belong, and the known one that may be meant."""
     close = get_close_matches(str(key)[:100], known, n=1)
     hint = f" (did you mean {close[0]}?)" if close else f" (known are {', '.join(known)})"

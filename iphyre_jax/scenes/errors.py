@@ -24,7 +24,7 @@ def one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def refuse(source: str, problems: Sequence[str]) -> None:
+def raise_problems(source: str, problems: Sequence[str]) -> None:
     """Raise what was found, if anything.
 
     Args:

@@ -118,12 +118,12 @@ def _read_bytes(path: Path) -> bytes:
     except FileNotFoundError:
         raise FileNotFoundError(f"{name}: expected a scene file, but there is none") from None
     except OSError as error:
-        _tell_unreadable(name, error)
+        _raise_unreadable(name, error)
     except ValueError:
         raise ValueError(f"{name}: expected the path of a scene file, got a text with a null byte") from None
 
 
-def _tell_unreadable(name: str, error: OSError) -> NoReturn:
+def _raise_unreadable(name: str, error: OSError) -> NoReturn:
     """Pass on an error of the operating system in one line; one that already names the file stays as it is."""
     if error.errno is None:
         raise error

@@ -45,8 +45,8 @@ def gaps(layouts: Layouts) -> Floats:
     """Return the way between each two objects, (B, N, N) px: 0 if they touch, below if they overlap, inf for itself."""
     ends, radii = layouts.ends(), layouts.radii()
     first, second = ends[:, :, None], ends[:, None, :]
-    apart = np.minimum(_to_line(first, second), _to_line(second, first))
-    apart = np.where(_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
+    apart = np.minimum(_distances_to_segment(first, second), _distances_to_segment(second, first))
+    apart = np.where(_segments_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
     own = np.eye(ends.shape[1], dtype=bool)
     return np.where(own, np.inf, apart)
 
@@ -59,7 +59,7 @@ def outside(layouts: Layouts) -> Floats:
     return np.maximum(np.maximum(low, high).max(axis=2), 0.0)
 
 
-def remarks(scene: Scene) -> list[str]:
+def scene_warnings(scene: Scene) -> list[str]:
     """Say what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
 
     Returns:
@@ -78,7 +78,7 @@ def remarks(scene: Scene) -> list[str]:
     return [one_line(line) for line in lines]
 
 
-def _to_line(lines: Floats, points: Floats) -> Floats:
+def _distances_to_segment(lines: Floats, points: Floats) -> Floats:
     """Return the least distance of the two ends of `points` (..., 2, 2) from the lines (..., 2, 2)."""
     start, way = lines[..., 0, :], lines[..., 1, :] - lines[..., 0, :]
     size = (way * way).sum(-1)
@@ -88,15 +88,15 @@ def _to_line(lines: Floats, points: Floats) -> Floats:
     return np.asarray(np.sqrt((rest * rest).sum(-1)).min(-1))
 
 
-def _cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
+def _segments_cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
     """Return whether lines (..., 2, 2) cross."""
     a, b = first[..., 1, :] - first[..., 0, :], second[..., 1, :] - second[..., 0, :]
     between = second[..., 0, :] - first[..., 0, :]
-    turn = _turn(a, b)
+    turn = _cross_product(a, b)
     safe = np.where(turn == 0, 1.0, turn)
-    t, u = _turn(between, b) / safe, _turn(between, a) / safe
+    t, u = _cross_product(between, b) / safe, _cross_product(between, a) / safe
     return np.asarray((turn != 0) & (t >= 0) & (t <= 1) & (u >= 0) & (u <= 1))
 
 
-def _turn(a: Floats, b: Floats) -> Floats:
+def _cross_product(a: Floats, b: Floats) -> Floats:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -26,7 +26,7 @@ def scene_json_schema() -> dict[str, Any]:
     one moves, no pair twice, lengths.
     """
     number = {"type": "number", "minimum": -MAX_COORDINATE, "maximum": MAX_COORDINATE}
-    point = _tuple([number, number], "x, y in px; y points down")
+    point = _fixed_array([number, number], "x, y in px; y points down")
     radius = {"type": "number", "minimum": MIN_LENGTH, "maximum": MAX_COORDINATE}
     flags = {"type": "array", "items": {"enum": [0, 1]}, "minItems": 1}
     fields: dict[str, Any] = {
@@ -36,12 +36,12 @@ def scene_json_schema() -> dict[str, Any]:
         "block": {
             "description": "Bars with a radius of 10 px, by the ends of their axes.",
             "type": "array",
-            "items": _tuple([point, point], "a bar from one point to another"),
+            "items": _fixed_array([point, point], "a bar from one point to another"),
         },
         "ball": {
             "description": "Balls, which always move and must all fall below y = 600.",
             "type": "array",
-            "items": _tuple([number, number, radius], "x, y and radius in px"),
+            "items": _fixed_array([number, number, radius], "x, y and radius in px"),
             "minItems": 1,
         },
         "eli": {
@@ -66,7 +66,7 @@ def scene_json_schema() -> dict[str, Any]:
             },
         },
     }
-    most = _bounds(MOST_OBJECTS)
+    most = _size_bounds(MOST_OBJECTS)
     return {
         "$schema": DRAFT,
         "title": "I-PHYRE scene",
@@ -75,22 +75,22 @@ def scene_json_schema() -> dict[str, Any]:
         "additionalProperties": False,
         "properties": {key: field | most.get(key, {}) for key, field in fields.items()},
         "if": {"not": {"required": ["limits"]}},
-        "then": {"properties": _bounds(MAX_OBJECTS)},
+        "then": {"properties": _size_bounds(MAX_OBJECTS)},
     }
 
 
-def _bounds(objects: int) -> dict[str, Any]:
+def _size_bounds(objects: int) -> dict[str, Any]:
     """Return what the greatest number of objects says of the fields."""
     index = {"type": "integer", "minimum": 0, "maximum": objects - 1}
     pairs = {
-        "items": _tuple([index, index], "two objects: blocks counted first, then balls, from 0"),
+        "items": _fixed_array([index, index], "two objects: blocks counted first, then balls, from 0"),
         "maxItems": objects * (objects - 1) // 2,
     }
     lists = {"block": objects - 1, "ball": objects, "eli": objects, "dynamic": objects}
     return {key: {"maxItems": most} for key, most in lists.items()} | {"joint": pairs, "spring": pairs}
 
 
-def _tuple(items: list[Any], description: str) -> dict[str, Any]:
+def _fixed_array(items: list[Any], description: str) -> dict[str, Any]:
     return {
         "description": description,
         "type": "array",

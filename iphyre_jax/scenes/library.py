@@ -24,18 +24,18 @@ _LIBRARY_FIELDS: Final = ("schema", "version", "source", "conventions", "splits"
 
 
 @cache
-def _library() -> Mapping[str, object]:
+def _read_library() -> Mapping[str, object]:
     """Read the package's data file, once."""
     content = files(__package__).joinpath(_LIBRARY).read_bytes()
     return check_object(parse_json(content, _LIBRARY), _LIBRARY, LIBRARY_SCHEMA, LIBRARY_VERSION, _LIBRARY_FIELDS)
 
 
-def _splits() -> Mapping[str, tuple[str, ...]]:
-    splits = cast(Mapping[str, list[str]], _library()["splits"])
+def _read_splits() -> Mapping[str, tuple[str, ...]]:
+    splits = cast(Mapping[str, list[str]], _read_library()["splits"])
     return MappingProxyType({split: tuple(games) for split, games in splits.items()})
 
 
-SPLITS: Final = _splits()
+SPLITS: Final = _read_splits()
 """The names of the games of each split, in the paper's order; unseen_basic is no part of the forty."""
 
 GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen_basic" for game in games)
@@ -45,9 +45,9 @@ _ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
 
 
 @cache
-def _game(name: str) -> Scene:
+def _package_game(name: str) -> Scene:
     """Build a game of the package, once; a scene cannot be changed."""
-    games = cast(Mapping[str, Mapping[str, object]], _library()["games"])
+    games = cast(Mapping[str, Mapping[str, object]], _read_library()["games"])
     return scene_from_fields({"name": name, **games[name]}, f"{_LIBRARY}: {name}")
 
 
@@ -69,7 +69,7 @@ def load_scene(scene: str | os.PathLike[str] | Scene, limits: Limits | None = No
         ValueError: there is no such game, or fields of the file are wrong; one line for each.
     """
     if isinstance(scene, str) and scene in _ALL_GAMES:
-        scene = _game(scene)
+        scene = _package_game(scene)
     if isinstance(scene, Scene):
         return scene if limits in (None, scene.limits) else replace(scene, limits=limits)
     if isinstance(scene, str) and not _looks_like_path(scene):

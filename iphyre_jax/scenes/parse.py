@@ -25,7 +25,7 @@ _LEVELS: Final = 4  # of the deepest field: bars, bar, end point, number
 
 
 @dataclass(frozen=True)
-class Draft:
+class RawScene:
     """A scene whose fields have the right form; its objects are the bars in order, then the balls."""
 
     name: str
@@ -46,11 +46,13 @@ class Draft:
         return (x1 + x2) / 2, (y1 + y2) / 2
 
 
-def read_draft(raw: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None) -> tuple[Draft, list[str]]:
+def parse_scene(
+    fields: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None
+) -> tuple[RawScene, list[str]]:
     """Read every field of a scene.
 
     Args:
-        raw: the name and the fields as numbers, text, lists and NumPy arrays; OPTIONAL ones may be missing.
+        fields: the name and the fields as numbers, text, lists and NumPy arrays; OPTIONAL ones may be missing.
         labels: the name to tell each field by.
         limits: of the scene, in place of its field "limits".
 
@@ -58,28 +60,28 @@ def read_draft(raw: Mapping[str, object], labels: Mapping[str, str], limits: Lim
         The draft, and "field: expected ..., got ..." for each wrong field. A draft with wrong fields is not to be used:
         it holds fillers in their places.
     """
-    reader = _Reader()
+    parser = _FieldParser()
     for key in REQUIRED:
-        if key not in raw:
-            reader.problems.append(f"{labels[key]}: expected this field, but it is missing")
+        if key not in fields:
+            parser.problems.append(f"{labels[key]}: expected this field, but it is missing")
 
-    limits = reader.limits(raw.get("limits")) if limits is None else limits
+    limits = parser.limits(fields.get("limits")) if limits is None else limits
     objects, pairs = limits.objects, limits.objects * (limits.objects - 1) // 2
 
     def rows(key: str, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
-        return reader.rows(labels[key], _plain(raw.get(key, [])), form, read, most)
+        return parser.rows(labels[key], _plain(fields.get(key, [])), form, read, most)
 
-    draft = Draft(
-        name=reader.name(raw.get("name")),
-        bars=rows("block", "bars [[x1, y1], [x2, y2]]", reader.bar, objects),
-        balls=rows("ball", "balls [x, y, radius]", reader.ball, objects),
-        eliminable=rows("eli", "flags 0 or 1", reader.flag, 2 * objects),
-        dynamic=rows("dynamic", "flags 0 or 1", reader.flag, 2 * objects),
-        joints=rows("joint", "pairs [object, object]", reader.pair, pairs),
-        springs=rows("spring", "pairs [object, object]", reader.pair, pairs),
+    raw = RawScene(
+        name=parser.name(fields.get("name")),
+        bars=rows("block", "bars [[x1, y1], [x2, y2]]", parser.bar, objects),
+        balls=rows("ball", "balls [x, y, radius]", parser.ball, objects),
+        eliminable=rows("eli", "flags 0 or 1", parser.flag, 2 * objects),
+        dynamic=rows("dynamic", "flags 0 or 1", parser.flag, 2 * objects),
+        joints=rows("joint", "pairs [object, object]", parser.pair, pairs),
+        springs=rows("spring", "pairs [object, object]", parser.pair, pairs),
         limits=limits,
     )
-    return draft, reader.problems
+    return raw, parser.problems
 
 
 def _plain(value: object, levels: int = _LEVELS) -> object:
@@ -91,19 +93,19 @@ def _plain(value: object, levels: int = _LEVELS) -> object:
     return value
 
 
-class _Reader:
+class _FieldParser:
     """Reads one value after the other; a wrong value is told in `problems` and replaced by a filler."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
 
-    def tell(self, label: str, expected: str, value: object) -> None:
+    def report(self, label: str, expected: str, value: object) -> None:
         self.problems.append(f"{label}: expected {expected}, got {show(value)}")
 
     def name(self, value: object) -> str:
         if isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable() and value == value.strip():
             return value
-        self.tell("name", f"a text of 1 to {MAX_NAME} printable characters without blanks at its ends", value)
+        self.report("name", f"a text of 1 to {MAX_NAME} printable characters without blanks at its ends", value)
         return ""
 
     def limits(self, value: object) -> Limits:
@@ -111,7 +113,7 @@ class _Reader:
         if value is None:
             return OFFICIAL
         if not isinstance(value, Mapping) or not set(value) <= {"objects", "blocks"}:
-            self.tell("limits", 'an object {"objects": ..., "blocks": ...}', value)
+            self.report("limits", 'an object {"objects": ..., "blocks": ...}', value)
             return OFFICIAL
         try:
             return Limits(**value)
@@ -121,13 +123,13 @@ class _Reader:
 
     def rows(self, label: str, value: object, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
         if not isinstance(value, (list, tuple)):
-            self.tell(label, f"a list of {form}", value)
+            self.report(label, f"a list of {form}", value)
             return []
         if len(value) > most:
-            self.tell(label, f"at most {most} entries", value)
+            self.report(label, f"at most {most} entries", value)
             return []
         if read != self.flag and value and not any(isinstance(entry, (list, tuple)) for entry in value):
-            self.tell(label, f"a list of {form}", value)  # most likely one row without its outer list: one mistake
+            self.report(label, f"a list of {form}", value)  # most likely one row without its outer list: one mistake
             return []
         return [read(f"{label}[{i}]", entry) for i, entry in enumerate(value)]
 
@@ -152,25 +154,25 @@ class _Reader:
         """Read a list of `count` entries; empty where it is wrong."""
         if isinstance(value, (list, tuple)) and len(value) == count:
             return list(value)
-        self.tell(label, expected, value)
+        self.report(label, expected, value)
         return []
 
     def number(self, label: str, value: object) -> float:
         if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_COORDINATE:
             return float(value)
-        self.tell(label, f"a finite number of px from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}", value)
+        self.report(label, f"a finite number of px from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}", value)
         return 0.0
 
     def index(self, label: str, value: object) -> int:
         if isinstance(value, int) and not isinstance(value, bool):
             return value
-        self.tell(label, "an object index (an integer)", value)
+        self.report(label, "an object index (an integer)", value)
         return 0
 
     def flag(self, label: str, value: object) -> bool:
         if isinstance(value, int) and not isinstance(value, bool) and value in (0, 1):
             return value == 1
-        self.tell(label, "0 or 1", value)
+        self.report(label, "0 or 1", value)
         return False
 
 

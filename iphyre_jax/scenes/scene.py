@@ -53,16 +53,16 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check the fields and put them in their form."""
-        raw = {key: getattr(self, label) for key, label in _LABELS.items()}
-        flags = {key: _as_flags(raw[key]) for key in ("eli", "dynamic")}
-        draft = check_scene({"name": self.name} | raw | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
+        given = {key: getattr(self, label) for key, label in _LABELS.items()}
+        flags = {key: _as_flags(given[key]) for key in ("eli", "dynamic")}
+        raw = check_scene({"name": self.name} | given | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
         fields = {
-            "blocks": _frozen(draft.bars, np.float64, (-1, 2, 2)),
-            "balls": _frozen(draft.balls, np.float64, (-1, 3)),
-            "eliminable": _frozen(draft.eliminable, np.bool_, (-1,)),
-            "dynamic": _frozen(draft.dynamic, np.bool_, (-1,)),
-            "joints": tuple(draft.joints),
-            "springs": tuple(draft.springs),
+            "blocks": _frozen(raw.bars, np.float64, (-1, 2, 2)),
+            "balls": _frozen(raw.balls, np.float64, (-1, 3)),
+            "eliminable": _frozen(raw.eliminable, np.bool_, (-1,)),
+            "dynamic": _frozen(raw.dynamic, np.bool_, (-1,)),
+            "joints": tuple(raw.joints),
+            "springs": tuple(raw.springs),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)

@@ -18,7 +18,7 @@ from iphyre_jax.scenes.geometry import FRAME, TOLERANCE, Floats, Layouts, gaps, 
 from iphyre_jax.scenes.limits import MIN_LENGTH
 from iphyre_jax.scenes.scene import Scene
 
-SOUND: Final = ""
+VALID: Final = ""
 _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
 
 
@@ -56,7 +56,7 @@ def add_blocks(layouts: Layouts, blocks: Floats) -> Layouts:
     return Layouts(np.concatenate([layouts.bars, blocks], axis=1), layouts.balls)
 
 
-def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
+def refusal_reasons(layouts: Layouts, allowed: Floats) -> list[str]:
     """Say why each layout is no valid variation, or "" if it is.
 
     Args:
@@ -71,19 +71,19 @@ def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
     def name(index: int) -> str:
         return f"block {index}" if index < bars else f"ball {index - bars}"
 
-    found = []
+    reasons = []
     for b in range(len(far)):
         if not finite[b]:
-            found.append("a coordinate is not finite")
+            reasons.append("a coordinate is not finite")
         elif (far[b] > TOLERANCE).any():
             index = int(far[b].argmax())
-            found.append(f"{name(index)} sticks out of the picture by {far[b, index]:.3g} px")
+            reasons.append(f"{name(index)} sticks out of the picture by {far[b, index]:.3g} px")
         elif worse[b].any():
             i, j = np.argwhere(worse[b])[0].tolist()
-            found.append(f"{name(i)} and {name(j)} overlap by {-between[b, i, j]:.3g} px")
+            reasons.append(f"{name(i)} and {name(j)} overlap by {-between[b, i, j]:.3g} px")
         else:
-            found.append(SOUND)
-    return found
+            reasons.append(VALID)
+    return reasons
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def vary(
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
-    _check(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
+    _check_arguments(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
     rng = np.random.default_rng(seed)
     chance = rng.random(count) < 0.5
     layouts = mirror(Layouts.of(scene, count), chance & mirrored)
@@ -139,17 +139,17 @@ def vary(
     layouts = jitter(layouts, moves[:, : scene.n_blocks], moves[:, scene.n_blocks :])
     layouts = add_blocks(layouts, _random_blocks(rng, count, extra_blocks))
     original = np.minimum(gaps(Layouts.of(scene))[0], 0.0)
-    allowed = _with_added(original, scene.n_blocks, extra_blocks)
-    found = reasons(layouts, allowed)
+    allowed = _pad_overlaps(original, scene.n_blocks, extra_blocks)
+    reasons = refusal_reasons(layouts, allowed)
     taken = tuple(
-        _scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
-        for b, reason in enumerate(found)
-        if reason == SOUND
+        _varied_scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
+        for b, reason in enumerate(reasons)
+        if reason == VALID
     )
-    return Variations(taken, tuple(reason for reason in found if reason != SOUND))
+    return Variations(taken, tuple(reason for reason in reasons if reason != VALID))
 
 
-def _check(
+def _check_arguments(
     scene: Scene, count: int, seed: int, shift_px: float, scale_by: float, jitter_px: float, extra_blocks: int
 ) -> None:
     for name, whole, least in (("count", count, 1), ("seed", seed, 0), ("extra_blocks", extra_blocks, 0)):
@@ -171,17 +171,17 @@ def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
     return np.stack([middle - half, middle + half], axis=2)
 
 
-def _with_added(overlaps: Floats, bars: int, added: int) -> Floats:
+def _pad_overlaps(overlaps: Floats, bars: int, added: int) -> Floats:
     """Return (N, N) overlaps with rows and columns of zeros for blocks added behind the first `bars` objects."""
     rows = np.insert(overlaps, [bars] * added, 0.0, axis=0)
     return np.insert(rows, [bars] * added, 0.0, axis=1)
 
 
-def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
+def _varied_scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
     """Return a scene with the flags and links of the original; added blocks stand behind its own."""
     added, own = len(bars) - original.n_blocks, original.n_blocks
 
-    def moved(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    def renumbered(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
         return tuple((i + added * (i >= own), j + added * (j >= own)) for i, j in pairs)
 
     return Scene(
@@ -190,7 +190,7 @@ def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
         balls=balls,
         eliminable=np.insert(original.eliminable, [own] * added, False),
         dynamic=np.insert(original.dynamic, [own] * added, False),
-        joints=moved(original.joints),
-        springs=moved(original.springs),
+        joints=renumbered(original.joints),
+        springs=renumbered(original.springs),
         limits=original.limits,
     )

@@ -14,10 +14,10 @@ import numpy as np
 from PIL import Image
 
 from iphyre_jax.scenes.errors import one_line
-from iphyre_jax.viewer.frames import Frame, Look, Plays, frames, still
+from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
 from iphyre_jax.viewer.recording import Recording
 
-KINDS: Final = (".png", ".gif", ".mp4")
+SUFFIXES: Final = (".png", ".gif", ".mp4")
 GIF_TICK = 100  # a GIF's times are hundredths of a second
 GIF_RATE = 25  # frames a second that viewers show without slowing down
 GIF_COLOURS = 64
@@ -25,7 +25,7 @@ GIF_COLOURS = 64
 
 def save(
     path: str | os.PathLike[str],
-    plays: Plays,
+    plays: Recordings,
     look: Look | None = None,
     titles: Sequence[str] | None = None,
     *,
@@ -47,7 +47,7 @@ def save(
         OSError: the file cannot be written.
         ModuleNotFoundError: MP4 needs imageio_ffmpeg, of the extra `viewer`.
     """
-    target = _target(path, KINDS)
+    target = _target(path, SUFFIXES)
     fps = plays.fps if isinstance(plays, Recording) else plays[0].fps if plays else 1
     with _part(target) as part:
         if target.suffix.lower() == ".png":
@@ -70,15 +70,15 @@ def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
         ValueError: another ending, or no such folder.
         OSError: the file cannot be written.
     """
-    with _part(_target(path, KINDS[:1])) as part:
+    with _part(_target(path, SUFFIXES[:1])) as part:
         Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(part, optimize=True)
 
 
-def _target(path: str | os.PathLike[str], kinds: Sequence[str]) -> Path:
+def _target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
     """Return the file to write, or raise a one-line ValueError."""
     target = Path(path)
-    if target.suffix.lower() not in kinds:
-        raise ValueError(f"{target}: expected a name that ends in {', '.join(kinds)}")
+    if target.suffix.lower() not in suffixes:
+        raise ValueError(f"{target}: expected a name that ends in {', '.join(suffixes)}")
     if not target.parent.is_dir():
         raise ValueError(f"{target}: expected a file in a folder that exists")
     return target
@@ -138,11 +138,12 @@ def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
     try:
         for one in chain([first], stream):
             cast(IO[bytes], encoder.stdin).write(np.ascontiguousarray(one).tobytes())
-        _, told = encoder.communicate()
+        _, message = encoder.communicate()
     except BrokenPipeError:
-        _, told = encoder.communicate()
+        _, message = encoder.communicate()
     finally:
         encoder.kill()
         encoder.wait()
     if encoder.returncode:
-        raise OSError(f"{path}: the film could not be encoded: {one_line(told.decode(errors='replace').strip())[:200]}")
+        reason = one_line(message.decode(errors="replace").strip())[:200]
+        raise OSError(f"{path}: the film could not be encoded: {reason}")

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from iphyre_jax.scenes.errors import one_line
-from iphyre_jax.viewer.painter import FINE, Painter, blend, font
+from iphyre_jax.viewer.painter import SUPERSAMPLING, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme
 
@@ -78,14 +78,14 @@ class Camera:
         self.title = one_line(recording.scene.name if title is None else title)[:MAX_TITLE]
         self.colours: Theme = theme(self.look.theme)
         self._painter = Painter(recording.scene, self.colours, self.look.size)
-        self._last = recording.gone_after
+        self._last_frames = recording.last_frames
 
     def image(self, frame: int) -> Image.Image:
         """Take one frame; those after the last show the last, those before 0 count from the end."""
         recording = self.recording
         k = min(frame, recording.steps) if frame >= 0 else max(recording.steps + 1 + frame, 0)
         picture = self._painter.paint(
-            recording.poses[k], self._last >= k, fading=self._fading(k), trails=self._trails(k)
+            recording.poses[k], self._last_frames >= k, fading=self._fading(k), trails=self._trails(k)
         )
         if self.look.mark and k == recording.steps and recording.steps > 0:
             self._mark(picture)
@@ -94,7 +94,7 @@ class Camera:
     def _fading(self, k: int) -> dict[int, float]:
         """Return how much is still seen of the blocks that have gone, 0 to 1."""
         length = self.look.fade * self.recording.fps
-        ago = k - self._last
+        ago = k - self._last_frames
         return {int(i): 1 - ago[i] / length for i in np.flatnonzero((ago > 0) & (ago < length))}
 
     def _trails(self, k: int) -> list[npt.NDArray[np.floating]]:
@@ -107,7 +107,7 @@ class Camera:
 
     def _mark(self, picture: Image.Image) -> None:
         """Put a tick or a cross into the upper right corner; shapes, so that colour is not all that tells."""
-        side = round(self.look.size * 0.08) * FINE
+        side = round(self.look.size * 0.08) * SUPERSAMPLING
         solved = self.recording.success
         disc = Image.new("RGBA", (side, side))
         pen = ImageDraw.Draw(disc)
@@ -116,7 +116,7 @@ class Camera:
         for line in lines:
             points = [(x * side, y * side) for x, y in line]
             pen.line(points, (255, 255, 255), max(1, round(side * 0.11)), joint="curve")
-        small = disc.reduce(FINE)
+        small = disc.reduce(SUPERSAMPLING)
         edge = round(self.look.size * 0.025)
         picture.paste(small, (self.look.size - edge - small.width, edge), small)
 
@@ -146,10 +146,12 @@ _TICK = (((0.26, 0.52), (0.44, 0.70), (0.76, 0.34)),)
 _CROSS = (((0.32, 0.32), (0.68, 0.68)), ((0.68, 0.32), (0.32, 0.68)))
 
 
-Plays = Recording | Sequence[Recording]
+Recordings = Recording | Sequence[Recording]
 
 
-def still(plays: Plays, look: Look | None = None, titles: Sequence[str] | None = None, *, frame: int = -1) -> Frame:
+def still(
+    plays: Recordings, look: Look | None = None, titles: Sequence[str] | None = None, *, frame: int = -1
+) -> Frame:
     """Return one frame of one play, or of several side by side.
 
     Args:
@@ -165,11 +167,11 @@ def still(plays: Plays, look: Look | None = None, titles: Sequence[str] | None =
         ValueError: one line that names the argument and what was expected.
     """
     cameras = _cameras(plays, look, titles)
-    return np.asarray(beside([camera.image(frame) for camera in cameras], cameras[0].colours))
+    return np.asarray(side_by_side([camera.image(frame) for camera in cameras], cameras[0].colours))
 
 
 def frames(
-    plays: Plays,
+    plays: Recordings,
     look: Look | None = None,
     titles: Sequence[str] | None = None,
     *,
@@ -197,10 +199,10 @@ def frames(
     steps = max(camera.recording.steps for camera in cameras)
     stops = [*range(0, steps, every), steps]
     for k in [*stops, *[steps] * round(hold * cameras[0].recording.fps / every)]:
-        yield np.asarray(beside([camera.image(k) for camera in cameras], cameras[0].colours))
+        yield np.asarray(side_by_side([camera.image(k) for camera in cameras], cameras[0].colours))
 
 
-def _cameras(plays: Plays, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
+def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
     """Return a camera for each play."""
     recordings = [plays] if isinstance(plays, Recording) else list(plays)
     rates = sorted({recording.fps for recording in recordings})
@@ -212,7 +214,7 @@ def _cameras(plays: Plays, look: Look | None, titles: Sequence[str] | None) -> l
     return [Camera(recording, look, name) for recording, name in zip(recordings, names, strict=True)]
 
 
-def beside(images: Sequence[Image.Image], colours: Theme) -> Image.Image:
+def side_by_side(images: Sequence[Image.Image], colours: Theme) -> Image.Image:
     """Return pictures of one height side by side."""
     if len(images) == 1:
         return images[0]

@@ -31,7 +31,7 @@ def load_plays(source: str | Path) -> list[Play]:
     if str(source) == BEST:
         return list(best_plays().values())
     path = Path(source)
-    plays = _run(path) if path.is_dir() else read_plays(path)
+    plays = _plays_of_run(path) if path.is_dir() else read_plays(path)
     if not plays:
         raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
     return plays
@@ -45,17 +45,17 @@ def best_plays() -> Mapping[str, Play]:
     return {line["scene"]: play_from_json(line, name) for line in content["plays"]}
 
 
-def _run(path: Path) -> list[Play]:
+def _plays_of_run(path: Path) -> list[Play]:
     """Return the greedy plans of a run's evaluation."""
     config, evaluation = (_object(path / name) for name in ("config.json", "evaluation.json"))
     settings = config.get("settings")
     games = evaluation.get("games")
     if not isinstance(settings, Mapping) or not isinstance(games, list):
         raise ValueError(f"{one_line(str(path))}: expected the settings of a run and an evaluation of its games")
-    return [_greedy(game, settings, path, k) for k, game in enumerate(games)]
+    return [_greedy_play(game, settings, path, k) for k, game in enumerate(games)]
 
 
-def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
+def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
     """Return the greedy plan of one game of an evaluation."""
     source = f"{one_line(str(path / 'evaluation.json'))}: games[{index}]"
     if not isinstance(game, Mapping) or not isinstance(game.get("game"), str):

@@ -59,19 +59,19 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
     }
     scripts = "".join(page_file(name) for name in SCRIPTS)
     style = page_file("style.css")
-    sources = f"script-src {_hash(scripts)}; style-src {_hash(style)}"
+    sources = f"script-src {_hash_source(scripts)}; style-src {_hash_source(style)}"
     policy = f"default-src 'none'; {sources}; base-uri 'none'; form-action 'none'"
-    parts = {"POLICY": policy, "STYLE": style, "SCRIPT": scripts, "DATA": in_script(data)}
+    parts = {"POLICY": policy, "STYLE": style, "SCRIPT": scripts, "DATA": json_for_script(data)}
     head, *rest = page_file("replay.html").split("<!--")
     return head + "".join(parts[key] + tail for key, _, tail in (part.partition("-->") for part in rest))
 
 
-def in_script(data: object) -> str:
+def json_for_script(data: object) -> str:
     """Return JSON that can stand inside a script element: nothing in it can end the element or begin a comment."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _hash(text: str) -> str:
+def _hash_source(text: str) -> str:
     """Return the source expression of a content security policy that allows exactly this text."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
@@ -102,5 +102,5 @@ def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: 
         part.replace(target)
     finally:
         part.unlink(missing_ok=True)
-    changed = ((play, play.differs(recording)) for play, recording in recordings)
+    changed = ((play, play.difference(recording)) for play, recording in recordings)
     return [f"{play.agent}, {play.scene.name}: the file says {text}" for play, text in changed if text]

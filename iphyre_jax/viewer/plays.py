@@ -19,7 +19,7 @@ from typing import Final
 from iphyre_jax.rules import whole_fps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.codec import check_object
-from iphyre_jax.scenes.errors import one_line, refuse, show
+from iphyre_jax.scenes.errors import one_line, raise_problems, show
 from iphyre_jax.scenes.files import parse_json
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.recording import Recording, record
@@ -33,7 +33,7 @@ MAX_PLAYS: Final = 10_000  # of one file
 MAX_FPS: Final = 1000
 DTYPES: Final = ("float64", "float32")
 
-_OWN_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
+_GAME_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Play:
         """Play it again."""
         return record(self.scene, list(self.plan), fps=self.fps, dtype=self.dtype, resets=self.resets)
 
-    def differs(self, recording: Recording) -> str:
+    def difference(self, recording: Recording) -> str:
         """Say in which way a recording ends otherwise than the line says; empty if it does not, or nothing is said."""
         now, then = result_of(recording), self.result or {}
         return "; ".join(f"{key} {show(value)}, now {now[key]}" for key, value in then.items() if value != now[key])
@@ -72,7 +72,7 @@ def result_of(recording: Recording) -> dict[str, object]:
 def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) -> dict[str, object]:
     """Return a line's contents for a recording."""
     scene = recording.scene
-    own = scene.name in _OWN_NAMES and scene == load_scene(scene.name)
+    own = scene.name in _GAME_NAMES and scene == load_scene(scene.name)
     return {
         "schema": SCHEMA,
         "version": VERSION,
@@ -103,10 +103,10 @@ def read_plays(path: str | os.PathLike[str]) -> list[Play]:
         OSError: it cannot be read.
         ValueError: a line is wrong; one line of text that names file, line and field.
     """
-    return list(_plays(Path(path)))
+    return list(_read_lines(Path(path)))
 
 
-def _plays(path: Path) -> Iterator[Play]:
+def _read_lines(path: Path) -> Iterator[Play]:
     name = one_line(str(path))
     if not path.is_file():
         raise FileNotFoundError(f"{name}: expected a file of plays, but there is none")
@@ -150,7 +150,7 @@ def play_from_json(data: object, source: str) -> Play:
     result = fields.get("result")
     if result is not None and (not isinstance(result, Mapping) or set(result) != set(RESULT_FIELDS)):
         problems.append(f"result: expected an object of {', '.join(RESULT_FIELDS)}, got {show(result)}")
-    refuse(source, problems)
+    raise_problems(source, problems)
     return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # as checked
 
 
@@ -166,7 +166,7 @@ def read_scene_field(value: object, source: str) -> Scene:
         ValueError: it is neither; one line for each wrong field.
     """
     if isinstance(value, str):
-        if value not in _OWN_NAMES:
+        if value not in _GAME_NAMES:
             raise ValueError(f"{source}: scene: expected the name of a game or a scene, got {show(value)}")
         return load_scene(value)
     return scene_from_dict(value, f"{source}: scene")

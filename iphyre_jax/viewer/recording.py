@@ -7,24 +7,20 @@ the same `rollouts.episode_step`, compiled for one world without lanes, which ta
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax import rollouts
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
-from iphyre_jax.physics import contacts, shapes
 from iphyre_jax.physics.broad_phase import max_steps
-from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.rules import episode_reward, whole_fps
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
+from iphyre_jax.viewer.record_program import Frames, RecordProgram
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -83,19 +79,19 @@ class Recording:
         Raises:
             ValueError: one line that names the argument and what was expected.
         """
-        steps, seen, rate = _whole_plan(scene, plan), np.array(poses, np.float64), whole_fps(fps)
-        if seen.ndim != 3 or not len(seen) or seen.shape[1:] != (scene.n_objects, 3):
-            raise ValueError(f"poses: expected shape (F, {scene.n_objects}, 3), got {seen.shape}")
-        seen = np.where(np.isnan(seen), seen[:1], seen)  # only static bars go; they are where they were
-        if not np.isfinite(seen).all():
+        steps, filled, rate = _full_plan(scene, plan), np.array(poses, np.float64), whole_fps(fps)
+        if filled.ndim != 3 or not len(filled) or filled.shape[1:] != (scene.n_objects, 3):
+            raise ValueError(f"poses: expected shape (F, {scene.n_objects}, 3), got {filled.shape}")
+        filled = np.where(np.isnan(filled), filled[:1], filled)  # only static bars go; they are where they were
+        if not np.isfinite(filled).all():
             raise ValueError("poses: expected finite numbers in the first frame, and NaN only for what is gone")
-        velocities = np.zeros((*seen.shape[:2], 2))
-        velocities[1:] = np.diff(seen[:, :, :2], axis=0) * rate
-        made = len(seen) - 1
+        velocities = np.zeros((*filled.shape[:2], 2))
+        velocities[1:] = np.diff(filled[:, :, :2], axis=0) * rate
+        made = len(filled) - 1
         gone = sum(NEVER < step < made for step in steps)
         reward = episode_reward(np.array([success]), np.array([gone]), np.array([made]), rate)
-        empty = np.full((len(seen), 0, 2), np.nan)
-        fields = {"poses": seen, "velocities": velocities, "contacts": empty}
+        empty = np.full((len(filled), 0, 2), np.nan)
+        fields = {"poses": filled, "velocities": velocities, "contacts": empty}
         return cls(
             scene,
             tuple(steps),
@@ -111,21 +107,13 @@ class Recording:
         )
 
     @property
-    def gone_after(self) -> npt.NDArray[np.int64]:
+    def last_frames(self) -> npt.NDArray[np.int64]:
         """(N,) the last frame in which an object is there; the last of all for what stays."""
         last = np.full(self.scene.n_objects, self.steps, np.int64)
         for block, step in zip(self.scene.eliminable_blocks, self.plan, strict=True):
             if NEVER < step < self.steps:
                 last[block] = step
         return last
-
-
-class _Tape(NamedTuple):
-    """Frames of one world, JAX or NumPy arrays: F frames, n moving bodies, K contact slots."""
-
-    pose: Any  # (F, n, 3)
-    velocity: Any  # (F, n, 2)
-    contact: Any  # (F, K, 2) NaN for an empty slot
 
 
 def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "float64", resets: int = 1) -> Recording:
@@ -143,7 +131,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
-    rate, steps = whole_fps(fps), _whole_plan(scene, plan)
+    rate, steps = whole_fps(fps), _full_plan(scene, plan)
     if dtype not in ("float32", "float64"):
         raise ValueError(f'dtype: expected "float32" or "float64", got {dtype!r}')
     if isinstance(resets, bool) or not isinstance(resets, int | np.integer) or resets < 1:
@@ -155,8 +143,8 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     padded = np.full(scene.limits.blocks, NEVER, np.int32)
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
-    play = executable(Record(topology, dtype, len(padded), length))
-    counts, *frames = play(words, padded, programs.clock(step_timing(rate, dtype)))
+    program = executable(RecordProgram(topology, dtype, len(padded), length))
+    counts, *frames = program(words, padded, programs.clock(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     return Recording(
         scene=scene,
@@ -164,7 +152,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         fps=rate,
         dtype=dtype,
         resets=int(resets),
-        **_unfold(scene, _Tape(*frames), made + 1),
+        **_object_arrays(scene, Frames(*frames), made + 1),
         success=bool(success),
         steps=made,
         eliminations=eliminations,
@@ -173,7 +161,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     )
 
 
-def _whole_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
+def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     """Return the checked plan with an entry for each eliminable block."""
     entries, blocks = np.asarray(plan), len(scene.eliminable_blocks)
     if entries.ndim != 1 or (entries.size and entries.dtype.kind not in "iu") or len(entries) > blocks:
@@ -183,96 +171,16 @@ def _whole_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     return [*entries.tolist(), *[NEVER] * (blocks - len(entries))]
 
 
-def _unfold(scene: Scene, tape: _Tape, frames: int) -> dict[str, Floats]:
+def _object_arrays(scene: Scene, frames: Frames, count: int) -> dict[str, Floats]:
     """Return poses and velocities of all objects in list order, and contacts, of the frames played."""
-    poses = np.zeros((frames, scene.n_objects, 3))
+    poses = np.zeros((count, scene.n_objects, 3))
     poses[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    velocities = np.zeros((frames, scene.n_objects, 2))
+    velocities = np.zeros((count, scene.n_objects, 2))
     moving = np.flatnonzero(scene.dynamic)
-    poses[:, moving] = tape.pose[:frames]
-    velocities[:, moving] = tape.velocity[:frames]
-    return {"poses": poses, "velocities": velocities, "contacts": np.asarray(tape.contact[:frames], np.float64)}
-
-
-@dataclass(frozen=True)
-class Record:
-    """Plays one world and writes down every frame.
-
-    Attributes:
-        topology: of the world.
-        dtype: of the physics.
-        columns: of a plan.
-        length: most steps.
-    """
-
-    sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "viewer/recording.py")
-
-    topology: Topology
-    dtype: str
-    columns: int
-    length: int
-
-    @property
-    def lanes(self) -> int:
-        """One world."""
-        return 1
-
-    def arguments(self) -> programs.Shapes:
-        """Return the shapes of a world (rows, 1), a plan (columns,), and a clock."""
-        layout = programs.world_layout(self.topology, self.dtype)
-        return (
-            jax.ShapeDtypeStruct((layout.rows, 1), layout.word),
-            jax.ShapeDtypeStruct((self.columns,), "int32"),
-            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
-        )
-
-    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return success, steps, eliminations and fault, (4,) int32, and the arrays of a `_Tape`."""
-        words, plan, numbers = arguments
-        world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
-        result, tape = _play(self.topology, self.length, world, programs.timing_of(numbers), plan)
-        counts = jnp.stack([result.success.astype(jnp.int32), result.steps, result.eliminations, result.fault])
-        return counts, tape.pose, tape.velocity, tape.contact
-
-
-def _play(
-    topology: Topology, length: int, world: World, timing: Timing, plan: jax.Array
-) -> tuple[rollouts.EpisodeResult, _Tape]:
-    """Play one world and write every frame."""
-    episode = rollouts.reset_episode(topology, world, jnp.zeros((), bool))
-    first = _frame(topology, world, episode)
-    tape = jax.tree.map(lambda leaf: jnp.zeros((length + 1, *leaf.shape), leaf.dtype).at[0].set(leaf), first)
-    # A plan has as many columns as the limits allow; bars that no column removes have column -1 and match none.
-    columns = jnp.arange(plan.shape[0], dtype=jnp.int32)
-    removal = jnp.max(jnp.where(world.plan_slot[None] == columns[:, None], plan[:, None], NEVER), axis=0)
-
-    def running(carry: tuple[jax.Array, rollouts.EpisodeState, _Tape]) -> jax.Array:
-        return (carry[0] < length) & ~carry[1].result.done
-
-    def once(carry: tuple[jax.Array, rollouts.EpisodeState, _Tape]) -> tuple[jax.Array, rollouts.EpisodeState, _Tape]:
-        k, episode, tape = carry
-        episode = rollouts.episode_step(topology, world, timing, episode, removal == k)
-        frame = _frame(topology, world, episode)
-        return k + 1, episode, jax.tree.map(lambda rows, row: rows.at[k + 1].set(row), tape, frame)
-
-    _, episode, tape = jax.lax.while_loop(running, once, (jnp.zeros((), jnp.int32), episode, tape))
-    return episode.result, tape
-
-
-def _frame(topology: Topology, world: World, episode: rollouts.EpisodeState) -> _Tape:
-    """Return what one frame shows, without the first axis.
-
-    A step moves the bodies first and collides them then, so its contacts are those of the poses it ends with.
-    """
-    state = episode.state
-    shape = shapes.world_shapes(topology, world, state)
-    points, *_ = contacts.collide(topology, world, shape, state.broad, state.side)
-    point = contacts.unpack(points.tag, points.numbers, axis=1)
-    body = jnp.clip(point.first, 0, topology.moving - 1)
-    where = jnp.stack([state.position.x[body] + point.arm_first.x, state.position.y[body] + point.arm_first.y], axis=-1)
-    velocity = state.motion.velocity
-    return _Tape(
-        pose=jnp.stack([state.position.x, state.position.y, state.angle], axis=-1),
-        velocity=jnp.stack([velocity.x, velocity.y], axis=-1),
-        contact=jnp.where((point.id >= 0)[:, None], where, jnp.nan),
-    )
+    poses[:, moving] = frames.pose[:count]
+    velocities[:, moving] = frames.velocity[:count]
+    return {
+        "poses": poses,
+        "velocities": velocities,
+        "contacts": np.asarray(frames.contact[:count], np.float64),
+    }

@@ -40,13 +40,13 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
     images = [Camera(play, chosen).image(frame) for play in plays]
     width, height = images[0].width + GAP, images[0].height + GAP
     rows, across = -(-len(images) // columns), min(columns, len(images))
-    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _ground(theme(chosen.theme)))
+    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _background(theme(chosen.theme)))
     for k, image in enumerate(images):
         sheet.paste(image, (GAP + k % columns * width, GAP + k // columns * height))
     return np.asarray(sheet)
 
 
-def _ground(colours: Theme) -> Colour:
+def _background(colours: Theme) -> Colour:
     return blend(colours.text, colours.background, 0.25)
 
 

@@ -76,7 +76,7 @@ def recordings() -> dict[str, Recording]:
 def test_recordings_of_all_games_are_what_simulate_plays(recordings: dict[str, Recording]) -> None:
     assert tuple(recordings) == GAMES
     for game, recording in recordings.items():
-        assert not best_plays()[game].differs(recording)
+        assert not best_plays()[game].difference(recording)
         played = simulate(game, [recording.plan], fps=60, dtype="float64")
         assert (played.success[0], played.reward[0]) == (True, recording.reward)
 
@@ -151,7 +151,7 @@ def test_tapes_arrive_as_they_were_recorded(page: Page, recordings: dict[str, Re
         for entry in read["velocities"][k]:
             theirs = recording.velocities[k, entry["object"]]
             np.testing.assert_allclose([entry["vx"], entry["vy"]], theirs, atol=1 / 4)
-        assert read["gone"][k] == (recording.gone_after < k).tolist()
+        assert read["gone"][k] == (recording.last_frames < k).tolist()
 
 
 def test_hostile_names_are_text(page: Page, tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
         assert "966.08" in page.inner_text("#scores")
         (line,) = read_plays(tmp_path / "attempts.jsonl")
         assert list(line.plan) == plan
-        assert not line.differs(line.record())
+        assert not line.difference(line.record())
 
         page.click("#compare-now")
         page.wait_for_selector("#deck figure:nth-child(2) canvas[data-frame]")
@@ -339,7 +339,7 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
         until(page, "result.dataset.reward")
         (line,) = read_plays(tmp_path / "attempts.jsonl")
         assert line.scene == scene
-        assert not line.differs(line.record())
+        assert not line.difference(line.record())
     # What is saved trains: it makes an environment, and agents are evaluated on it.
     register("drawn-v1", [read_scene(file)])
     env, params = make("in-advance/drawn-v1")

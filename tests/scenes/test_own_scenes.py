@@ -13,7 +13,7 @@ from iphyre_jax import GAMES, SPLITS, SceneBuilder, load_scene, simulate, vary
 from iphyre_jax.cli.main import run
 from iphyre_jax.scenes import Scene, read_scene, scene_json_schema, scene_to_dict, write_scene
 from iphyre_jax.scenes.compile import topology_of
-from iphyre_jax.scenes.geometry import Layouts, gaps, outside, remarks
+from iphyre_jax.scenes.geometry import Layouts, gaps, outside, scene_warnings
 from iphyre_jax.scenes.variations import add_blocks, jitter, mirror, scale, shift
 
 ALL_GAMES = [game for games in SPLITS.values() for game in games]
@@ -71,7 +71,7 @@ def test_what_sticks_out_by_hand() -> None:
 
 
 def test_the_games_are_inside_and_only_one_has_overlaps() -> None:
-    odd = {game: remarks(load_scene(game)) for game in ALL_GAMES if remarks(load_scene(game))}
+    odd = {game: scene_warnings(load_scene(game)) for game in ALL_GAMES if scene_warnings(load_scene(game))}
     assert odd == {
         "multi_ball_hinder": ["ball[0]: overlaps block[4] by 3.50005 px", "ball[1]: overlaps block[5] by 3.50005 px"]
     }

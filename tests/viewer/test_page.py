@@ -13,7 +13,7 @@ import pytest
 
 from iphyre_jax import SceneBuilder, load_scene
 from iphyre_jax.viewer import pack
-from iphyre_jax.viewer.page import SCRIPTS, in_script, page_file, replay_page
+from iphyre_jax.viewer.page import SCRIPTS, json_for_script, page_file, replay_page
 from iphyre_jax.viewer.play.server import SCRIPTS as PLAY_SCRIPTS
 from iphyre_jax.viewer.recording import Recording, record
 from iphyre_jax.viewer.sheets import start_of
@@ -71,7 +71,7 @@ def test_names_cannot_end_the_data(solved: Recording) -> None:
 
 
 def test_json_for_scripts_has_no_markup() -> None:
-    assert "<" not in in_script({"<a>": ["</script>", "<!--", "]]>"]})
+    assert "<" not in json_for_script({"<a>": ["</script>", "<!--", "]]>"]})
 
 
 def test_pages_write_text_never_markup() -> None:

@@ -97,7 +97,7 @@ def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp
     assert ask(server, "api/attempt", {"scene": "hole", "plan": [-1] * 4})[1]["standing"]["left"] == 4
     plays = read_plays(tmp_path / "attempts.jsonl")
     assert [play.plan for play in plays] == [tuple(PLAN)] * 5 + [(-1,) * 4]
-    assert not plays[0].differs(plays[0].record())
+    assert not plays[0].difference(plays[0].record())
     line = json.loads((tmp_path / "attempts.jsonl").read_text("utf-8").splitlines()[-1])
     assert (line["facts"]["series"], line["facts"]["attempt"]) == (2, 1)
     assert {"iphyre_jax", "jax", "numpy"} <= set(line["facts"]["versions"])

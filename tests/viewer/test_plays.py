@@ -40,9 +40,9 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert first.scene == load_scene("hole")
     assert second.scene == builder.build()
     assert (first.agent, second.plan) == ("<b>", (60,))
-    assert not first.differs(first.record())
+    assert not first.difference(first.record())
     assert first.record().success
-    told = replace(first, result={**(first.result or {}), "steps": 1}).differs(first.record())
+    told = replace(first, result={**(first.result or {}), "steps": 1}).difference(first.record())
     assert told == "steps 1, now 261"
 
 
@@ -91,7 +91,7 @@ def test_the_best_plans_are_for_the_forty_games() -> None:
 
     assert tuple(best_plays()) == GAMES
     for game in ("support", "hole", "noisy_hole"):  # all forty: make test-browser
-        assert not best_plays()[game].differs(best_plays()[game].record())
+        assert not best_plays()[game].difference(best_plays()[game].record())
     solved = [play.result["solved"] for play in best_plays().values() if play.result]
     assert solved == [True] * 40
 

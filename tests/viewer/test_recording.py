@@ -60,7 +60,7 @@ def test_contacts_lie_on_the_border_of_the_ball(solved: Recording) -> None:
 
 
 def test_blocks_are_gone_after_the_frame_of_their_step(solved: Recording) -> None:
-    assert solved.gone_after.tolist() == [261, 261, 261, 261, 83, 32, 261]
+    assert solved.last_frames.tolist() == [261, 261, 261, 261, 83, 32, 261]
 
 
 def test_poses_from_elsewhere_make_a_recording() -> None:

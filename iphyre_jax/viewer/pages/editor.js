@@ -20,7 +20,7 @@ class Editor {
     this.selected = null;
     this.past = [];
     this.future = [];
-    this.answer = { problems: [], remarks: [], file: null };
+    this.answer = { problems: [], warnings: [], file: null };
     this.turn = 0;
   }
 
@@ -59,7 +59,7 @@ class Editor {
     this.draw();
     this.on.change(this.scene);
     const turn = ++this.turn;
-    const unknown = (error) => ({ problems: [error.message], remarks: [], file: null });
+    const unknown = (error) => ({ problems: [error.message], warnings: [], file: null });
     const answer = await call("check", { scene: this.scene }).catch(unknown);
     if (turn !== this.turn) return; // the scene has changed since
     this.answer = answer;
@@ -232,7 +232,7 @@ class Editor {
   draw() {
     const { scene, stage } = this;
     const poses = restingPoses(scene);
-    const wrong = new Set([...this.answer.problems, ...this.answer.remarks].map((line) => objectOf(line, scene)));
+    const wrong = new Set([...this.answer.problems, ...this.answer.warnings].map((line) => objectOf(line, scene)));
     const bad = [...wrong].filter((object) => object !== null && object < poses.length);
     const all = scene.block.length + scene.ball.length;
     const sound = (pairs) => pairs.filter((pair) => pair.every((index) => index < all));
@@ -261,7 +261,7 @@ function drawMessages(pen, theme, answer, scene) {
   pen.font = "13px system-ui, sans-serif";
   pen.textBaseline = "middle";
   let corner = 16;
-  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.remarks.map((text) => [text, theme.quiet])];
+  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.warnings.map((text) => [text, theme.quiet])];
   const taken = new Map();
   for (const [text, colour] of lines.slice(0, 12)) {
     const object = objectOf(text, scene);

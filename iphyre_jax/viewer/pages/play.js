@@ -220,11 +220,11 @@ class PlayPage {
     byId("redo").disabled = !editor.future.length;
   }
 
-  tellCheck({ problems, remarks, file }) {
+  tellCheck({ problems, warnings, file }) {
     const items = (lines) => lines.map((textContent) => make("li", { textContent }));
     byId("verdict").textContent = file ? "The scene is valid" : "The scene is not valid yet";
     byId("problems").replaceChildren(...items(problems));
-    byId("remarks").replaceChildren(...items(remarks));
+    byId("warnings").replaceChildren(...items(warnings));
     byId("run").disabled = byId("save").disabled = !file;
   }
 

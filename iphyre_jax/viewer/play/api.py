@@ -9,9 +9,9 @@ from typing import Any, Final
 import iphyre_jax
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict
-from iphyre_jax.scenes.errors import refuse, show
+from iphyre_jax.scenes.errors import raise_problems, show
 from iphyre_jax.scenes.files import parse_json, scene_text
-from iphyre_jax.scenes.geometry import remarks
+from iphyre_jax.scenes.geometry import scene_warnings
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.figures import figures, figures_of
 from iphyre_jax.viewer.load_plays import best_plays
@@ -87,7 +87,7 @@ class Api:
     def _game(self, fields: Fields) -> object:
         """A scene, its play without a removal, the paper's figures and what has been attained so far."""
         scene = _scene(fields)
-        untouched = self._play(scene, [NEVER] * len(scene.eliminable_blocks))
+        untouched = self._record_play(scene, [NEVER] * len(scene.eliminable_blocks))
         own = scene.name in GAMES and scene == load_scene(scene.name)
         best = best_plays().get(scene.name) if own else None
         return {
@@ -100,12 +100,12 @@ class Api:
 
     def _record(self, fields: Fields) -> object:
         scene = _scene(fields)
-        return pack_play(self._play(scene, _plan(fields, scene)))
+        return pack_play(self._record_play(scene, _plan(fields, scene)))
 
     def _attempt(self, fields: Fields) -> object:
         """Count, save and score an attempt; the score is computed here, from the plan."""
         scene = _scene(fields)
-        recording = self._play(scene, _plan(fields, scene))
+        recording = self._record_play(scene, _plan(fields, scene))
         standing = self._session.add(recording)
         return {"play": pack_play(recording), "standing": standing}
 
@@ -118,7 +118,8 @@ class Api:
         others = [(play, False) for play in self._agents if play.scene == scene]
         own = [(play, True) for play in self._session.attempts(scene)]
         return [
-            {"agent": play.agent, "own": mine, **pack_play(self._alone(play.record))} for play, mine in others + own
+            {"agent": play.agent, "own": mine, **pack_play(self._exclusively(play.record))}
+            for play, mine in others + own
         ]
 
     def _check(self, fields: Fields) -> object:
@@ -127,13 +128,13 @@ class Api:
             scene = scene_from_dict(fields["scene"], "")
         except ValueError as error:
             lines = [line.removeprefix(": ") for line in str(error).split("\n")]
-            return {"problems": lines, "remarks": [], "file": None}
-        return {"problems": [], "remarks": remarks(scene), "file": scene_text(scene)}
+            return {"problems": lines, "warnings": [], "file": None}
+        return {"problems": [], "warnings": scene_warnings(scene), "file": scene_text(scene)}
 
-    def _play(self, scene: Scene, plan: Sequence[int]) -> Recording:
-        return self._alone(lambda: record(scene, list(plan), fps=FPS))
+    def _record_play(self, scene: Scene, plan: Sequence[int]) -> Recording:
+        return self._exclusively(lambda: record(scene, list(plan), fps=FPS))
 
-    def _alone(self, work: Callable[[], Recording]) -> Recording:
+    def _exclusively(self, work: Callable[[], Recording]) -> Recording:
         """Run a simulation when no other runs."""
         if not self._engine.acquire(timeout=PATIENCE):
             raise RefusedError(503, "the simulator is busy")
@@ -150,7 +151,7 @@ def _scene(fields: Fields) -> Scene:
 def _plan(fields: Fields, scene: Scene) -> list[int]:
     """Return a person's plan: as the official driver, nothing before the first step, and one removal a step."""
     plan = fields["plan"]
-    refuse("request", plan_problems(plan, scene))
+    raise_problems("request", plan_problems(plan, scene))
     steps = [step for step in plan if step != NEVER]
     if any(not 0 < step < TIME_LIMIT * FPS for step in steps) or len(set(steps)) != len(steps):
         raise ValueError(f"request: plan: expected different steps from 1 to {int(TIME_LIMIT * FPS) - 1}, got {steps}")

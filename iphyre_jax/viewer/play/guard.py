@@ -43,24 +43,24 @@ class Guard:
         """The names that this server goes by."""
         return f"127.0.0.1:{self.port}", f"localhost:{self.port}"
 
-    def name(self, path: str, headers: Message) -> str:
+    def resource_name(self, path: str, headers: Message) -> str:
         """Return what a request asks for: the part of its path behind the token.
 
         Raises:
             RefusedError: wrong host, token, origin or site.
         """
-        host = _single(headers, "Host")
+        host = _single_header(headers, "Host")
         if host not in self.hosts:
             raise RefusedError(403, "another host")
         _, _, rest = path.partition("/")
-        token, slash, name = rest.partition("/")
+        token, slash, resource_name = rest.partition("/")
         if not slash or not hmac.compare_digest(token.encode(), self.token.encode()):
             raise RefusedError(403, "another token")
-        if headers.get_all("Origin") and _single(headers, "Origin") != f"http://{host}":
+        if headers.get_all("Origin") and _single_header(headers, "Origin") != f"http://{host}":
             raise RefusedError(403, "another origin")
-        if headers.get_all("Sec-Fetch-Site") and _single(headers, "Sec-Fetch-Site") not in OWN_SITES:
+        if headers.get_all("Sec-Fetch-Site") and _single_header(headers, "Sec-Fetch-Site") not in OWN_SITES:
             raise RefusedError(403, "another site")
-        return name
+        return resource_name
 
     def body_length(self, headers: Message) -> int:
         """Return how many bytes of JSON follow the headers of a POST.
@@ -70,12 +70,12 @@ class Guard:
         """
         if not headers.get_all("Origin"):
             raise RefusedError(403, "no origin")
-        kind = _single(headers, "Content-Type").partition(";")[0].strip().lower()
+        kind = _single_header(headers, "Content-Type").partition(";")[0].strip().lower()
         if kind != "application/json":
             raise RefusedError(415, "expected application/json")
         if headers.get_all("Transfer-Encoding") or headers.get_all("Content-Encoding"):
             raise RefusedError(411, "expected a plain body of a stated length")
-        length = _single(headers, "Content-Length")
+        length = _single_header(headers, "Content-Length")
         if not (length.isascii() and length.isdigit()) or len(length) > len(str(MAX_REQUEST)):
             raise RefusedError(413 if length.isdigit() else 411, "expected the body's length in bytes")
         if int(length) > MAX_BODY:
@@ -83,7 +83,7 @@ class Guard:
         return int(length)
 
 
-def _single(headers: Message, name: str) -> str:
+def _single_header(headers: Message, name: str) -> str:
     """Return a header's value; a header that is missing or stands there twice is nobody's."""
     values: Sequence[str] = headers.get_all(name) or ()
     return values[0] if len(values) == 1 else ""

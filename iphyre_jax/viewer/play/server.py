@@ -26,9 +26,9 @@ Request = socket.socket | tuple[bytes, socket.socket]  # as the standard library
 Client = tuple[str, int] | str
 
 CONNECTIONS: Final = 32  # at once; a page needs some ten while it loads
-SECONDS: Final = 10.0  # for a request to arrive, and again for its answer to leave
+REQUEST_SECONDS: Final = 10.0  # for a request to arrive, and again for its answer to leave
 
-_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_CONTENT_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 SCRIPTS: Final = ("tape.js", "stage.js", "clock.js", "deck.js", "client.js", "game.js", "editor.js", "play.js")
 FILES: Final = (*SCRIPTS, "style.css")
 HEADERS: Final = {
@@ -56,9 +56,9 @@ class PlayServer(ThreadingHTTPServer):
     daemon_threads = True
     request_queue_size = 64
 
-    def __init__(self, api: Api, token: str, port: int = 0, seconds: float = SECONDS) -> None:
+    def __init__(self, api: Api, token: str, port: int = 0, seconds: float = REQUEST_SECONDS) -> None:
         self.api, self.seconds = api, seconds
-        self._room = BoundedSemaphore(CONNECTIONS)
+        self._free_connections = BoundedSemaphore(CONNECTIONS)
         super().__init__(("127.0.0.1", port), _Handler)
         self.guard = Guard(token, self.server_port)
 
@@ -69,7 +69,7 @@ class PlayServer(ThreadingHTTPServer):
 
     def process_request(self, request: Request, client_address: Client) -> None:
         """Hand a connection to a thread, or close it if there are too many."""
-        if not self._room.acquire(blocking=False):
+        if not self._free_connections.acquire(blocking=False):
             self.shutdown_request(request)
             return
         super().process_request(request, client_address)
@@ -79,7 +79,7 @@ class PlayServer(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._room.release()
+            self._free_connections.release()
 
     def handle_error(self, request: Request, client_address: Client) -> None:
         """Say on one line what went wrong; a client that leaves or dawdles is nothing to speak of."""
@@ -88,22 +88,22 @@ class PlayServer(ThreadingHTTPServer):
             print(f"iphyre-jax play: {type(error).__name__}: {error}", file=sys.stderr)
 
 
-class _Arriving(io.RawIOBase):
+class _RequestStream(io.RawIOBase):
     """What arrives on a socket until a deadline, and up to a size."""
 
     def __init__(self, connection: socket.socket, seconds: float) -> None:
-        self._connection, self._end, self._room = connection, time.monotonic() + seconds, MAX_REQUEST
+        self._connection, self._deadline, self._bytes_left = connection, time.monotonic() + seconds, MAX_REQUEST
 
     def readable(self) -> bool:
         return True
 
     def readinto(self, buffer: Buffer) -> int:
-        left = self._end - time.monotonic()
+        left = self._deadline - time.monotonic()
         if left <= 0:
             raise TimeoutError("the request took too long")
         self._connection.settimeout(left)
-        count = self._connection.recv_into(memoryview(buffer)[: self._room])
-        self._room -= count
+        count = self._connection.recv_into(memoryview(buffer)[: self._bytes_left])
+        self._bytes_left -= count
         return count
 
 
@@ -117,15 +117,15 @@ class _Handler(BaseHTTPRequestHandler):
         """Put the deadline between socket and parser."""
         super().setup()
         self.rfile.close()
-        self.rfile = io.BufferedReader(_Arriving(self.connection, self.server.seconds))
+        self.rfile = io.BufferedReader(_RequestStream(self.connection, self.server.seconds))
 
     def do_GET(self) -> None:
         """Send the page or one of its files."""
         try:
-            name = self.server.guard.name(self.path, self.headers) or "play.html"
+            name = self.server.guard.resource_name(self.path, self.headers) or "play.html"
             if name != "play.html" and name not in FILES:
                 raise RefusedError(404, "no such file")
-            self._send(200, _TYPES[name.rpartition(".")[2]], page_file(name).encode())
+            self._send(200, _CONTENT_TYPES[name.rpartition(".")[2]], page_file(name).encode())
         except RefusedError as refusal:
             self._refuse(refusal)
 
@@ -133,7 +133,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Answer a call of the page."""
         guard = self.server.guard
         try:
-            name = guard.name(self.path, self.headers)
+            name = guard.resource_name(self.path, self.headers)
             length = guard.body_length(self.headers)
             body = self.rfile.read(length)
             if len(body) != length:

@@ -59,7 +59,7 @@ class Session:
                 raise RefusedError(409, f"all {self.limit} attempts are used")
             if self._saved >= MAX_PLAYS:
                 raise RefusedError(409, f"{MAX_PLAYS} attempts are saved; start the server again")
-            facts = {"attempt": len(series.tries) + 1, "series": series.number, **_facts()}
+            facts = {"attempt": len(series.tries) + 1, "series": series.number, **_provenance()}
             if self._path is not None:
                 append_play(self._path, play_to_json(recording, self._name, facts))
             self._saved += 1
@@ -67,7 +67,7 @@ class Session:
             series.tries.append(
                 Play(agent, recording.scene, recording.plan, recording.fps, result=result_of(recording))
             )
-            return _standing(series, self.limit)
+            return _series_standing(series, self.limit)
 
     def begin_again(self, scene: Scene) -> dict[str, object]:
         """Begin a new series of attempts at a scene, and return its standing."""
@@ -75,12 +75,12 @@ class Session:
             series = self._series[scene]
             if series.tries:
                 series = self._series[scene] = _Series(series.number + 1)
-            return _standing(series, self.limit)
+            return _series_standing(series, self.limit)
 
     def standing(self, scene: Scene) -> dict[str, object]:
         """Return what has been attained in the series that is under way."""
         with self._lock:
-            return _standing(self._series[scene] if scene in self._series else _Series(1), self.limit)
+            return _series_standing(self._series[scene] if scene in self._series else _Series(1), self.limit)
 
     def attempts(self, scene: Scene) -> list[Play]:
         """Return the attempts of the series that is under way."""
@@ -88,7 +88,7 @@ class Session:
             return list(self._series[scene].tries) if scene in self._series else []
 
 
-def _standing(series: _Series, limit: int) -> dict[str, object]:
+def _series_standing(series: _Series, limit: int) -> dict[str, object]:
     rewards = [float(str(play.result["reward"])) for play in series.tries if play.result]
     return {
         "series": series.number,
@@ -98,7 +98,7 @@ def _standing(series: _Series, limit: int) -> dict[str, object]:
     }
 
 
-def _facts() -> dict[str, object]:
+def _provenance() -> dict[str, object]:
     """Return what a line says about how it came to be."""
     versions = {name: metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
     device = jax.devices()[0]
