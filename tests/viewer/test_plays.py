@@ -139,11 +139,16 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     page = tmp_path / "replay.html"
     assert run(["replay", str(plays), "-o", str(page)]) == 0
     assert "2 plays" in capsys.readouterr().out
-    assert run(["evaluate", str(plays)]) == 0
-    printed = capsys.readouterr().out
-    assert "somebody at 60 steps a second" in printed
-    assert "975.65" in printed
-    assert "966.08" in printed  # the paper's people
+    assert run(["score", str(plays)]) == 0
+    printed = capsys.readouterr()
+    assert "somebody at 60 steps a second" in printed.out
+    assert "975.65" in printed.out
+    assert "966.08" in printed.out  # the paper's people
+    assert not printed.err
+    assert run(["evaluate", str(plays)]) == 0  # as it was called before
+    again = capsys.readouterr()
+    assert again.out == printed.out
+    assert again.err == f"iphyre-jax: FutureWarning: `evaluate {plays}` is deprecated; use `iphyre-jax score {plays}`\n"
 
 
 @pytest.mark.parametrize(
@@ -152,11 +157,12 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
         (["render", "hol", "-o", "a.png"], "scene: expected the name of a game"),
         (["render", "hole", "-o", "a.bmp"], "expected a name that ends in"),
         (["render", "all", "-o", "a.mp4"], "expected a name that ends in .png"),
-        (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds or never"),
+        (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds from 0 on, or never"),
         (["render", "best", "--game", "nothing", "-o", "a.png"], "game: expected one that best has plays of"),
         (["replay", "none.jsonl"], "none.jsonl: expected a file of plays"),
         (["replay", "best", "--games", "nothing"], "games: expected scenes"),
         (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),
+        (["score", "none.jsonl"], "none.jsonl: expected a file of plays"),
         (["play", "--port", "70000"], "port: expected"),
         (["play", "--name", "a\x1bb"], "name: expected"),
         (["play", "--attempts", "no/where.jsonl"], "expected a file in a folder that exists"),
