@@ -15,7 +15,6 @@ from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
 
 BEST: Final = "best"
-MAX_FOLDER_FILE: Final = 20_000_000  # bytes of a run's JSON file
 
 
 def load_plays(source: str | Path) -> list[Play]:
