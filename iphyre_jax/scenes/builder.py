@@ -1,4 +1,4 @@
-"""Scenes from Python, object by object."""
+"""Build scenes in Python, object by object."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from iphyre_jax.scenes.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class ObjectRef:
-    """A block or ball of a builder, to tie joints and springs to."""
+    """A block or ball of a builder; `SceneBuilder.joint` and `spring` take two of them."""
 
     is_ball: bool
     index: int  # among the builder's blocks, or among its balls
 
 
 class SceneBuilder:
-    """Collects the objects of a scene; `build` checks them all.
+    """Collect the objects of a scene; `build` checks them and returns the scene.
 
         builder = SceneBuilder("two shelves")
         upper = builder.block((200, 400), (300, 400), eliminable=True)
@@ -27,11 +27,11 @@ class SceneBuilder:
         builder.joint(upper, ball)
         scene = builder.build()
 
-    Lengths are px; x points right, y down; the picture goes from 0 to 600 in both.
+    Lengths are in px. x points right and y points down. The picture covers 0 to 600 in both.
 
     Args:
-        name: of the scene.
-        limits: how large it may be.
+        name: the name of the scene.
+        limits: how many objects it may have.
     """
 
     def __init__(self, name: str, limits: Limits = OFFICIAL) -> None:
@@ -49,13 +49,13 @@ class SceneBuilder:
         eliminable: bool = False,
         dynamic: bool = False,
     ) -> ObjectRef:
-        """Add a block, a bar of radius 10 px between two points.
+        """Add a block: a bar with a radius of 10 px between two points.
 
         Args:
-            start: x, y of one end of its axis.
-            end: of the other.
-            eliminable: the player can remove it.
-            dynamic: it moves.
+            start: x, y of one end of its axis, px.
+            end: x, y of the other end, px.
+            eliminable: whether the player can remove it.
+            dynamic: whether it moves.
         """
         self._blocks.append((start, end, eliminable, dynamic))
         return ObjectRef(False, len(self._blocks) - 1)
@@ -67,18 +67,18 @@ class SceneBuilder:
         return ObjectRef(True, len(self._balls) - 1)
 
     def joint(self, first: ObjectRef, second: ObjectRef) -> None:
-        """Hold the centres of two objects at the distance they have at the start."""
+        """Keep the centres of two objects at their initial distance."""
         self._joints.append((first, second))
 
     def spring(self, first: ObjectRef, second: ObjectRef) -> None:
-        """Tie the centres of two objects with a spring of a rest length of 20 px."""
+        """Connect the centres of two objects by a spring with a rest length of 20 px."""
         self._springs.append((first, second))
 
     def build(self) -> Scene:
         """Return the scene.
 
         Raises:
-            ValueError: it is not valid; one line for each wrong field.
+            ValueError: the scene is not valid; one line for each wrong field.
         """
         flags = [(eliminable, dynamic) for _, _, eliminable, dynamic in self._blocks]
         flags += [(False, True)] * len(self._balls)
@@ -94,7 +94,7 @@ class SceneBuilder:
         )
 
     def _pairs(self, pairs: list[tuple[ObjectRef, ObjectRef]]) -> tuple[tuple[int, int], ...]:
-        """Return object indices: blocks come first, then balls."""
+        """Return pairs of object indices; blocks count before balls."""
         return tuple((self._index(first), self._index(second)) for first, second in pairs)
 
     def _index(self, ref: ObjectRef) -> int:

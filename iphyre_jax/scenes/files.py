@@ -1,4 +1,4 @@
-"""Scene files: strict JSON from disk, with every way to fail told in one line that names the file."""
+"""Scene files: strict JSON on disk. Every error is one line that names the file."""
 
 import json
 import os
@@ -14,11 +14,11 @@ _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Scene:
-    """Read and validate a scene file (see `iphyre_jax.scenes.codec` for its form).
+    """Read and validate a scene file; `iphyre_jax.scenes.codec` describes the format.
 
     Args:
         path: the file.
-        limits: of the scene, in place of those that the file states.
+        limits: of the scene; they replace those in the file.
 
     Returns:
         The scene.
@@ -26,18 +26,18 @@ def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Sc
     Raises:
         FileNotFoundError: there is no such file.
         OSError: it cannot be read, or is a folder or a device.
-        ValueError: its contents are wrong; one line for each wrong field.
+        ValueError: the contents are wrong; one line for each wrong field.
     """
     source = str(path)
     return scene_from_dict(parse_json(_read_bytes(Path(path)), source), source, limits)
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
-    """Write a scene file that `read_scene` reads back to an equal scene; a file that stands there is replaced whole.
+    """Write a scene file, which `read_scene` reads back as an equal scene. An existing file is replaced as a whole.
 
     Args:
         scene: any scene.
-        path: where to; its folder must exist.
+        path: the file; its folder must exist.
 
     Raises:
         OSError: the file cannot be written.
@@ -52,25 +52,25 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 
 
 def scene_text(scene: Scene) -> str:
-    """Return the contents of a scene's file, a field a line."""
+    """Return the contents of a scene file, one field per line."""
     fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
     return f"{{\n{fields}\n}}\n"
 
 
 def parse_json(content: bytes, source: str) -> object:
-    """Parse strict JSON: UTF-8 without byte order mark, no key twice in an object.
+    """Parse strict JSON: UTF-8 without byte order mark, and no key twice in an object.
 
-    NaN and Infinity pass here, so that validation can name the field they stand in.
+    NaN and Infinity pass, so that later checks can name their field.
 
     Args:
         content: the bytes of the file.
-        source: the file that a message names.
+        source: the file that error messages name.
 
     Returns:
         The parsed value.
 
     Raises:
-        ValueError: it is not such JSON; one line.
+        ValueError: it is not strict JSON; one line.
     """
     name = one_line(source)
 
@@ -102,11 +102,11 @@ def parse_json(content: bytes, source: str) -> object:
 
 
 class _RepeatedKeyError(ValueError):
-    """An object of the file has a key twice."""
+    """An object has a key twice."""
 
 
 def _read_bytes(path: Path) -> bytes:
-    """Read a regular file, not more than a byte beyond the allowed size."""
+    """Read a regular file, at most one byte more than the allowed size."""
     name = one_line(str(path))
     try:
         if path.is_dir():
@@ -124,7 +124,7 @@ def _read_bytes(path: Path) -> bytes:
 
 
 def _raise_unreadable(name: str, error: OSError) -> NoReturn:
-    """Pass on an error of the operating system in one line; one that already names the file stays as it is."""
+    """Raise an error of the operating system as one line; an error that names the file already is not changed."""
     if error.errno is None:
         raise error
     raise type(error)(f"{name}: expected a scene file that can be read, got: {error.strerror}") from None

@@ -1,7 +1,7 @@
-"""Where the objects of scenes are: gaps between them and what sticks out of the picture, for many layouts at once.
+"""Gaps between objects, and how far objects stick out of the picture, for many layouts at once.
 
-A layout is a pair of arrays, bars (B, n, 2, 2) with end points and balls (B, m, 3) with x, y and radius, px. Objects
-are the bars, then the balls; each is what lies within its radius of a line between two points.
+A layout is a pair of arrays, px: bars (B, n, 2, 2), end points, and balls (B, m, 3), x, y and radius. Objects are the
+bars, then the balls. An object covers all points within its radius of its segment. The segment of a ball is a point.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Floats = npt.NDArray[np.float64]
 
 FRAME: Final = 600.0  # px, side of the picture
 BAR_RADIUS: Final = 10.0  # px
-TOLERANCE: Final = 1e-6  # px; objects that lie on each other touch within rounding
+TOLERANCE: Final = 1e-6  # px; resting objects touch up to rounding
 
 
 class Layouts(NamedTuple):
@@ -29,20 +29,20 @@ class Layouts(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, count: int = 1) -> Layouts:
-        """Return a scene's layout, `count` times."""
+        """Return `count` copies of a scene's layout."""
         return cls(np.repeat(scene.blocks[None], count, axis=0), np.repeat(scene.balls[None], count, axis=0))
 
     def ends(self) -> Floats:
-        """Return the ends of all objects' lines, (B, N, 2, 2) px; a ball's are its centre."""
+        """Return the segment ends of all objects, (B, N, 2, 2) px; both ends of a ball are its centre."""
         return np.concatenate([self.bars, np.repeat(self.balls[:, :, None, :2], 2, axis=2)], axis=1)
 
     def radii(self) -> Floats:
-        """Return all objects' radii, (B, N) px."""
+        """Return the radii of all objects, (B, N) px."""
         return np.concatenate([np.full(self.bars.shape[:2], BAR_RADIUS), self.balls[:, :, 2]], axis=1)
 
 
 def gaps(layouts: Layouts) -> Floats:
-    """Return the way between each two objects, (B, N, N) px: 0 if they touch, below if they overlap, inf for itself."""
+    """Return the gap between every two objects, (B, N, N) px: negative if they overlap, inf on the diagonal."""
     ends, radii = layouts.ends(), layouts.radii()
     first, second = ends[:, :, None], ends[:, None, :]
     apart = np.minimum(_distances_to_segment(first, second), _distances_to_segment(second, first))
@@ -60,7 +60,7 @@ def outside(layouts: Layouts) -> Floats:
 
 
 def scene_warnings(scene: Scene) -> list[str]:
-    """Say what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
+    """List what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
 
     Returns:
         One line for each, "field[i]: ...".
@@ -79,7 +79,7 @@ def scene_warnings(scene: Scene) -> list[str]:
 
 
 def _distances_to_segment(lines: Floats, points: Floats) -> Floats:
-    """Return the least distance of the two ends of `points` (..., 2, 2) from the lines (..., 2, 2)."""
+    """Return the smaller distance of two points (..., 2, 2) to a segment (..., 2, 2)."""
     start, way = lines[..., 0, :], lines[..., 1, :] - lines[..., 0, :]
     size = (way * way).sum(-1)
     away = points - start[..., None, :]
@@ -89,7 +89,7 @@ def _distances_to_segment(lines: Floats, points: Floats) -> Floats:
 
 
 def _segments_cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
-    """Return whether lines (..., 2, 2) cross."""
+    """Return whether two segments (..., 2, 2) cross."""
     a, b = first[..., 1, :] - first[..., 0, :], second[..., 1, :] - second[..., 0, :]
     between = second[..., 0, :] - first[..., 0, :]
     turn = _cross_product(a, b)

@@ -1,6 +1,6 @@
-"""The form of each field of a scene by itself: types, lengths of rows, range of single numbers.
+"""Parse each field of a scene by itself: types, lengths of rows, ranges of numbers.
 
-What passes becomes a Draft of plain Python numbers; how the fields fit together is the matter of `validate`.
+The result is a RawScene of plain Python numbers. `validate` checks how the fields fit together.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,12 +21,12 @@ Row = TypeVar("Row")
 REQUIRED: Final = ("block", "ball", "eli", "dynamic")
 OPTIONAL: Final = ("joint", "spring")
 
-_LEVELS: Final = 4  # of the deepest field: bars, bar, end point, number
+_LEVELS: Final = 4  # of nesting in the deepest field: bars, bar, end point, number
 
 
 @dataclass(frozen=True)
 class RawScene:
-    """A scene whose fields have the right form; its objects are the bars in order, then the balls."""
+    """A scene whose fields have the right types. Objects are the bars in order, then the balls."""
 
     name: str
     bars: list[Bar]  # end points, px
@@ -38,7 +38,7 @@ class RawScene:
     limits: Limits
 
     def centre(self, index: int) -> Point:
-        """Tell where the body of an object stands, px."""
+        """Return the centre of an object, px."""
         if index >= len(self.bars):
             x, y, _ = self.balls[index - len(self.bars)]
             return x, y
@@ -49,16 +49,16 @@ class RawScene:
 def parse_scene(
     fields: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None
 ) -> tuple[RawScene, list[str]]:
-    """Read every field of a scene.
+    """Parse every field of a scene.
 
     Args:
-        fields: the name and the fields as numbers, text, lists and NumPy arrays; OPTIONAL ones may be missing.
-        labels: the name to tell each field by.
-        limits: of the scene, in place of its field "limits".
+        fields: numbers, text, lists and NumPy arrays by name; OPTIONAL ones may be missing.
+        labels: the name of each field in error messages.
+        limits: of the scene; they replace its field "limits".
 
     Returns:
-        The draft, and "field: expected ..., got ..." for each wrong field. A draft with wrong fields is not to be used:
-        it holds fillers in their places.
+        The scene, and "field: expected ..., got ..." for each wrong field. If there are wrong fields, do not use the
+        scene: it holds placeholders in their place.
     """
     parser = _FieldParser()
     for key in REQUIRED:
@@ -85,7 +85,7 @@ def parse_scene(
 
 
 def _plain(value: object, levels: int = _LEVELS) -> object:
-    """Turn NumPy arrays and scalars, also those within lists, into Python's own; deeper levels are wrong anyway."""
+    """Turn NumPy arrays and scalars, also inside lists, into plain Python; deeper levels are wrong anyway."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)) and levels > 1:
@@ -94,7 +94,7 @@ def _plain(value: object, levels: int = _LEVELS) -> object:
 
 
 class _FieldParser:
-    """Reads one value after the other; a wrong value is told in `problems` and replaced by a filler."""
+    """Parse one value at a time. A wrong value is reported in `problems` and replaced by a placeholder."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
@@ -109,7 +109,7 @@ class _FieldParser:
         return ""
 
     def limits(self, value: object) -> Limits:
-        """Read how large the scene says it may be; the official limits if it says nothing."""
+        """Parse the limits; without any, the official limits apply."""
         if value is None:
             return OFFICIAL
         if not isinstance(value, Mapping) or not set(value) <= {"objects", "blocks"}:
@@ -129,7 +129,7 @@ class _FieldParser:
             self.report(label, f"at most {most} entries", value)
             return []
         if read != self.flag and value and not any(isinstance(entry, (list, tuple)) for entry in value):
-            self.report(label, f"a list of {form}", value)  # most likely one row without its outer list: one mistake
+            self.report(label, f"a list of {form}", value)  # most likely one row without its outer list
             return []
         return [read(f"{label}[{i}]", entry) for i, entry in enumerate(value)]
 
@@ -151,7 +151,7 @@ class _FieldParser:
         return self.index(f"{label}[0]", a), self.index(f"{label}[1]", b)
 
     def entries(self, label: str, value: object, count: int, expected: str) -> list[object]:
-        """Read a list of `count` entries; empty where it is wrong."""
+        """Parse a list of `count` entries; return an empty list if it is wrong."""
         if isinstance(value, (list, tuple)) and len(value) == count:
             return list(value)
         self.report(label, expected, value)

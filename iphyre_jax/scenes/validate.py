@@ -1,7 +1,7 @@
-"""The rules of a valid scene; each wrong field is told in one line that names it and says what was expected.
+"""The rules of a valid scene. Each wrong field gets one line that names it and says what was expected.
 
-The rules come in layers (forms, sizes, flags, pairs). A layer is looked at only if those before it found nothing, so
-that one mistake is told once, where it stands, and later rules may rely on earlier ones.
+The rules come in layers: types, sizes, flags, pairs. A layer runs only if the layers before it found nothing. So each
+mistake is reported once, and later rules can rely on earlier ones.
 """
 
 import math
@@ -15,7 +15,7 @@ from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED, Pair, RawScene, parse_sc
 Labels = Mapping[str, str]
 
 FILE_LABELS: Final[Labels] = {key: key for key in REQUIRED + OPTIONAL}
-"""The fields of a scene file go by their own names."""
+"""For scene files, error messages use the names in the file."""
 
 
 def check_scene(
@@ -26,12 +26,12 @@ def check_scene(
     Args:
         fields: `name`, `block`, `ball`, `eli`, `dynamic` and optionally `joint`, `spring` and `limits`, as plain
             numbers, text, lists and objects.
-        source: the file or argument that a message names.
-        labels: the name to tell each field by.
-        limits: of the scene, in place of its field "limits".
+        source: the file or argument that error messages name.
+        labels: the name of each field in error messages.
+        limits: of the scene; they replace its field "limits".
 
     Returns:
-        The scene's fields, in their form and sound.
+        The parsed and valid fields.
 
     Raises:
         ValueError: fields are wrong; one line for each, "source: field: expected ..., got ...".
@@ -45,7 +45,7 @@ def check_scene(
 
 
 def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
-    """Count the objects and measure each."""
+    """Check the number of objects and the size of each."""
     bars, balls = len(raw.bars), len(raw.balls)
     if not balls:
         yield f"{labels['ball']}: expected at least one ball, got none"
@@ -64,7 +64,7 @@ def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
 
 
 def _flags(raw: RawScene, labels: Labels) -> Iterator[str]:
-    """See that balls move and stay in the game, and that only resting bars, and not too many, can be eliminated."""
+    """Check that balls move and stay, and that only static bars, not too many, can be eliminated."""
     for i, (eliminable, dynamic) in enumerate(zip(raw.eliminable, raw.dynamic, strict=True)):
         is_ball = i >= len(raw.bars)
         if is_ball and eliminable:
@@ -80,7 +80,7 @@ def _flags(raw: RawScene, labels: Labels) -> Iterator[str]:
 
 
 def _pairs(raw: RawScene, labels: Labels) -> Iterator[str]:
-    """See that every joint and spring holds two different bodies of which one can move, and that no pair recurs."""
+    """Check that each joint and spring connects two different objects, one of which moves, and no pair twice."""
     for key, pairs in (("joint", raw.joints), ("spring", raw.springs)):
         label = labels[key]
         first: dict[frozenset[int], int] = {}
@@ -95,7 +95,7 @@ def _pairs(raw: RawScene, labels: Labels) -> Iterator[str]:
 
 
 def _pair_problem(raw: RawScene, pair: Pair, is_pin: bool) -> str:
-    """Say what is wrong with one pair: the index within it, if any, and the rest of the line; empty if it is sound."""
+    """Return the error of one pair, as the end of a line that begins with its name; empty if the pair is valid."""
     last = len(raw.dynamic) - 1
     for i, index in enumerate(pair):
         if not 0 <= index <= last:
@@ -106,6 +106,6 @@ def _pair_problem(raw: RawScene, pair: Pair, is_pin: bool) -> str:
     if not (raw.dynamic[a] or raw.dynamic[b]):
         return f": expected at least one object that moves, got the static blocks {a} and {b}"
     if is_pin and (apart := math.dist(raw.centre(a), raw.centre(b))) < MIN_LENGTH:
-        # The direction of a pin joint is that from centre to centre.
+        # A pin joint acts from centre to centre; without a distance it has no direction.
         return f": expected two centres at least {MIN_LENGTH:g} px apart, got {apart:g} px between {a} and {b}"
     return ""

@@ -1,8 +1,7 @@
-"""Seeded variations of a scene: mirrored, shifted, scaled, block by block jittered, with blocks added.
+"""Seeded variations of a scene: mirrored, shifted, scaled, jittered, with extra blocks.
 
-The operations are pure functions of B layouts and arrays of B numbers; `vary` draws those numbers and sorts out what
-is no longer valid. A variation is refused, with a reason, if objects overlap that did not, or more than they did, or if
-one sticks out of the picture.
+The operations are pure functions of B layouts and B parameters. `vary` draws the parameters and refuses invalid
+results, with a reason: an object sticks out of the picture, or two objects overlap more than in the original.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
 
 
 def mirror(layouts: Layouts, which: npt.NDArray[np.bool_]) -> Layouts:
-    """Exchange left and right where `which`, (B,) bool, says so."""
+    """Mirror left and right those layouts for which `which`, (B,) bool, is True."""
     bars, balls = layouts.bars.copy(), layouts.balls.copy()
     bars[which, ..., 0] = FRAME - bars[which, ..., 0]
     balls[which, :, 0] = FRAME - balls[which, :, 0]
@@ -38,7 +37,7 @@ def shift(layouts: Layouts, by: Floats) -> Layouts:
 
 
 def scale(layouts: Layouts, by: Floats) -> Layouts:
-    """Stretch all positions about the middle of the picture by factors (B,); radii stay, as bars have but one."""
+    """Stretch all positions about the centre of the picture by factors (B,). Radii stay: that of bars is fixed."""
     balls, half = layouts.balls.copy(), FRAME / 2
     balls[..., :2] = half + (balls[..., :2] - half) * by[:, None, None]
     return Layouts(half + (layouts.bars - half) * by[:, None, None, None], balls)
@@ -52,16 +51,16 @@ def jitter(layouts: Layouts, blocks: Floats, balls: Floats) -> Layouts:
 
 
 def add_blocks(layouts: Layouts, blocks: Floats) -> Layouts:
-    """Put further blocks, (B, k, 2, 2) px, behind those that are there."""
+    """Append blocks, (B, k, 2, 2) px."""
     return Layouts(np.concatenate([layouts.bars, blocks], axis=1), layouts.balls)
 
 
 def refusal_reasons(layouts: Layouts, allowed: Floats) -> list[str]:
-    """Say why each layout is no valid variation, or "" if it is.
+    """Return for each layout why it is refused, or "" if it is valid.
 
     Args:
         layouts: B layouts of N objects.
-        allowed: (N, N) px, the overlaps (negative gaps) that the original has; 0 elsewhere.
+        allowed: (N, N) px, the overlaps of the original as negative gaps; 0 elsewhere.
     """
     far, between = outside(layouts), gaps(layouts)
     finite = np.asarray(np.isfinite(layouts.ends()).all(axis=(1, 2, 3)))
@@ -88,11 +87,11 @@ def refusal_reasons(layouts: Layouts, allowed: Floats) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Variations:
-    """What `vary` drew.
+    """The result of `vary`.
 
     Attributes:
         scenes: the valid variations, in the order drawn.
-        refused: why each of the others was not taken, in the order drawn.
+        refused: the reason for each refused variation, in the order drawn.
     """
 
     scenes: tuple[Scene, ...]
@@ -110,20 +109,20 @@ def vary(
     jitter_px: float = 0.0,
     extra_blocks: int = 0,
 ) -> Variations:
-    """Draw variations of a scene; the same seed gives the same ones.
+    """Draw variations of a scene. The same seed gives the same variations.
 
-    Variations keep the topology of the scene (`iphyre_jax.physics.types.Topology`) unless added blocks need more room,
-    so that they and the original run in one program.
+    Variations keep the topology of the scene (`iphyre_jax.physics.types.Topology`), so that they run in the same
+    compiled program. Only extra blocks may change it, if they need more room.
 
     Args:
         scene: the original.
         count: how many to draw; refused ones are not replaced.
-        seed: of the draws, from 0 on.
-        mirrored: exchange left and right in every other one, by chance.
-        shift_px: px, the most to move all objects by in each direction.
-        scale_by: positions are stretched by factors from 1 / scale_by to scale_by; at least 1.
-        jitter_px: px, the most to move each block and ball by itself in each direction.
-        extra_blocks: static blocks to add at random places, which cannot be removed.
+        seed: of the random numbers, 0 or more.
+        mirrored: mirror each variation with a probability of one half.
+        shift_px: px, the largest shift of the whole scene in each direction.
+        scale_by: positions are stretched by a factor from 1 / scale_by to scale_by; at least 1.
+        jitter_px: px, the largest shift of each block and ball on its own in each direction.
+        extra_blocks: how many static blocks to add at random places; they cannot be removed.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -163,7 +162,7 @@ def _check_arguments(
 
 
 def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
-    """Draw blocks, (count, blocks, 2, 2) px: middle, length and angle uniform."""
+    """Draw blocks, (count, blocks, 2, 2) px, with uniform centre, length and angle."""
     middle = rng.uniform(0, FRAME, (count, blocks, 2))
     size = rng.uniform(*_EXTRA_LENGTH, (count, blocks))
     angle = rng.uniform(0, math.pi, (count, blocks))
@@ -172,13 +171,13 @@ def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
 
 
 def _pad_overlaps(overlaps: Floats, bars: int, added: int) -> Floats:
-    """Return (N, N) overlaps with rows and columns of zeros for blocks added behind the first `bars` objects."""
+    """Insert zeros into (N, N) overlaps for blocks that are added after the first `bars` objects."""
     rows = np.insert(overlaps, [bars] * added, 0.0, axis=0)
     return np.insert(rows, [bars] * added, 0.0, axis=1)
 
 
 def _varied_scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
-    """Return a scene with the flags and links of the original; added blocks stand behind its own."""
+    """Return a scene with the flags and pairs of the original; added blocks come after its own blocks."""
     added, own = len(bars) - original.n_blocks, original.n_blocks
 
     def renumbered(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:

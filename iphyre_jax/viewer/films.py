@@ -1,4 +1,4 @@
-"""Frames to files: PNG, GIF and MP4. Films keep the size of their frames."""
+"""Write frames to files: PNG, GIF and MP4. Films have the size of their frames."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
 from iphyre_jax.viewer.recording import Recording
 
 SUFFIXES: Final = (".png", ".gif", ".mp4")
-GIF_TICK = 100  # a GIF's times are hundredths of a second
-GIF_RATE = 25  # frames a second that viewers show without slowing down
+GIF_TICK = 100  # a GIF counts time in hundredths of a second
+GIF_RATE = 25  # frames a second; viewers slow down faster GIFs
 GIF_COLOURS = 64
 
 
@@ -32,15 +32,15 @@ def save(
     frame: int = -1,
     hold: float = 1.0,
 ) -> None:
-    """Save a picture or a film of one play, or of several side by side; a file that stands there is replaced whole.
+    """Save a picture or film of one play, or of several side by side. An existing file is replaced as a whole.
 
     Args:
-        path: ends in .png, .gif or .mp4; its folder must exist.
-        plays: of one frame rate.
+        path: the file, .png, .gif or .mp4; its folder must exist.
+        plays: one or more recordings of one frame rate.
         look: how frames look.
-        titles: one for each play; by default the scenes' names.
-        frame: which one a PNG shows, counted from the end if it is negative.
-        hold: s that a film shows the end.
+        titles: one for each play; by default the names of the scenes.
+        frame: the frame that a PNG shows; negative numbers count from the end.
+        hold: s, how long a film shows the last frame.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -60,14 +60,14 @@ def save(
 
 
 def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
-    """Save one picture as PNG; a file that stands there is replaced whole.
+    """Save one picture as PNG. An existing file is replaced as a whole.
 
     Args:
-        path: ends in .png; its folder must exist.
+        path: the file, .png; its folder must exist.
         frame: (H, W, 3) uint8.
 
     Raises:
-        ValueError: another ending, or no such folder.
+        ValueError: the name has another ending, or the folder does not exist.
         OSError: the file cannot be written.
     """
     with _part(_target(path, SUFFIXES[:1])) as part:
@@ -75,7 +75,7 @@ def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
 
 
 def _target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
-    """Return the file to write, or raise a one-line ValueError."""
+    """Return the file to write; raise a ValueError of one line if its name or folder is wrong."""
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise ValueError(f"{target}: expected a name that ends in {', '.join(suffixes)}")
@@ -86,7 +86,7 @@ def _target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
 
 @contextmanager
 def _part(target: Path) -> Iterator[Path]:
-    """Give the name of a file beside the target, which takes its place when all has gone well."""
+    """Yield a temporary file beside the target; it replaces the target if nothing fails."""
     part = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
     try:
         yield part
@@ -96,12 +96,12 @@ def _part(target: Path) -> Iterator[Path]:
 
 
 def _gif_step(fps: int) -> int:
-    """Return how many physics steps a GIF's frame stands for."""
+    """Return the number of physics steps between two frames of a GIF."""
     return max(1, -(-fps // GIF_RATE))
 
 
 def _write_gif(path: Path, pictures: Iterable[Frame], rate: float) -> None:
-    """Write a GIF that repeats; each frame lasts whole ticks, and the sum of all keeps to time."""
+    """Write a looping GIF. Each frame lasts whole ticks; rounding errors do not add up."""
     images = [Image.fromarray(one) for one in pictures]
     sample = Image.new("RGB", (images[0].width, images[0].height * 3))
     for place, k in enumerate((0, len(images) // 2, len(images) - 1)):
@@ -114,10 +114,10 @@ def _write_gif(path: Path, pictures: Iterable[Frame], rate: float) -> None:
 
 
 def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
-    """Write an H.264 film of the size of its frames, which must be even, as the format's colours are shared by fours.
+    """Write an H.264 film. Width and height must be even, because four pixels share one colour in this format.
 
     Raises:
-        ValueError: the size is odd.
+        ValueError: width or height is odd.
         OSError: the encoder failed.
     """
     import imageio_ffmpeg
@@ -131,8 +131,8 @@ def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
     coding = ["-c:v", "libx264", "-preset", "veryfast", "-tune", "animation", "-crf", "20", "-pix_fmt", "yuv420p"]
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
-    except RuntimeError as error:  # a platform without a bundled one
-        raise OSError(f"{path}: films in MP4 need ffmpeg, which imageio_ffmpeg does not find: {error}") from None
+    except RuntimeError as error:  # no ffmpeg is bundled for this platform
+        raise OSError(f"{path}: MP4 needs ffmpeg, and imageio_ffmpeg cannot find it: {error}") from None
     command = [program, "-y", "-loglevel", "error", *shape, *coding, str(path)]
     encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603 - our own arguments
     try:
@@ -146,4 +146,4 @@ def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
         encoder.wait()
     if encoder.returncode:
         reason = one_line(message.decode(errors="replace").strip())[:200]
-        raise OSError(f"{path}: the film could not be encoded: {reason}")
+        raise OSError(f"{path}: ffmpeg could not encode the film: {reason}")

@@ -1,4 +1,4 @@
-"""The replay page: one HTML file that holds everything it shows and reaches for nothing."""
+"""The replay page: one HTML file that contains everything it needs and makes no requests."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SCRIPTS: Final = (
     "clock.js",
     "deck.js",
     "replay.js",
-)  # in the order in which they build on each other
+)  # each uses the ones before it
 MAX_BYTES: Final = 100_000_000  # of one page
 
 
 def page_file(name: str) -> str:
-    """Return a file of the pages, as text."""
+    """Return a file of the folder pages, as text."""
     return files(__package__).joinpath("pages", name).read_text("utf-8")
 
 
@@ -37,8 +37,8 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
     """Return the HTML of a page that plays recordings.
 
     Args:
-        plays: who played, and what came of it.
-        title: of the page.
+        plays: the name of each player, and the recording.
+        title: the title of the page.
 
     Raises:
         ValueError: there is no play.
@@ -67,25 +67,25 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
 
 
 def json_for_script(data: object) -> str:
-    """Return JSON that can stand inside a script element: nothing in it can end the element or begin a comment."""
+    """Return JSON for a script element; it cannot end the element or begin a comment."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _hash_source(text: str) -> str:
-    """Return the source expression of a content security policy that allows exactly this text."""
+    """Return the source expression that allows exactly this text in a content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: str = "I-PHYRE replay") -> list[str]:
-    """Play plans again and write a replay page; a file that stands there is replaced whole.
+    """Replay plans and write a replay page. An existing file is replaced as a whole.
 
     Args:
-        path: of the page; its folder must exist.
-        plays: what to show.
-        title: of the page.
+        path: the file; its folder must exist.
+        plays: the plays to show.
+        title: the title of the page.
 
     Returns:
-        One line for each play that ends otherwise than its file says.
+        One line for each play whose result differs from its file.
 
     Raises:
         OSError: the file cannot be written.

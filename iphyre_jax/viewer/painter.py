@@ -1,8 +1,8 @@
-"""Pictures of one frame with Pillow: fast enough for films, and with text.
+"""Draw frames with Pillow, fast enough for films.
 
-`iphyre_jax.observations.drawing` draws in JAX, for observations inside compiled code. This one draws the same marks
-four times as large in area and shrinks the result, keeps what rests from frame to frame, and knows themes, trails and
-labels.
+`iphyre_jax.observations.drawing` draws in JAX, for observations inside compiled code. This module draws the same
+shapes at twice the size and shrinks the picture, which smooths the edges. It draws static blocks only once, and it
+knows themes and trails.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.themes import Colour, Theme
 
-SUPERSAMPLING = 2  # the picture is drawn so many times as large, then shrunk, which smooths its edges
+SUPERSAMPLING = 2  # factor by which pictures are drawn larger and then shrunk, which smooths the edges
 OUTLINE = 1.6  # px of the scene
 GRID = 100  # px of the scene
-CREST = drawing.SPRING_SWING  # px of the scene, height of a spring's crests
+CREST = drawing.SPRING_SWING  # px of the scene, height of the zigzag of a spring
 
 Point = tuple[float, float]
 Floats = npt.NDArray[np.floating]
@@ -32,12 +32,12 @@ Floats = npt.NDArray[np.floating]
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return Pillow's own font."""
+    """Return the font that comes with Pillow."""
     return ImageFont.load_default(size)
 
 
 def blend(colour: Colour, background: Colour, opacity: float) -> Colour:
-    """Return a colour that covers its ground to a share, 0 to 1."""
+    """Mix a colour with its background; an opacity of 1 gives the colour itself."""
     red, green, blue = (round(g + opacity * (c - g)) for c, g in zip(colour, background, strict=True))
     return red, green, blue
 
@@ -47,7 +47,7 @@ class Painter:
     """Draws frames of one scene, size x size pixels.
 
     Args:
-        scene: what is drawn.
+        scene: the scene to draw.
         theme: its colours.
         size: px, side of the picture, which shows 600 px of the scene.
     """
@@ -58,7 +58,7 @@ class Painter:
     _cached_static_layer: tuple[tuple[bool, ...], Image.Image] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        """Note what does not change from frame to frame."""
+        """Compute what stays the same in all frames."""
         scene, theme = self.scene, self.theme
         self._scale = self.size * SUPERSAMPLING / drawing.SCREEN
         centres = (scene.blocks[:, :1] + scene.blocks[:, 1:]) / 2
@@ -78,9 +78,9 @@ class Painter:
 
         Args:
             poses: (N, 3) x, y (px) and angle (rad) of every object.
-            present: (N,) whether it is there.
-            fading: for objects that went a moment ago how much of them is still seen, 0 to 1.
-            trails: for each trail the points (T, 2), px, oldest first.
+            present: (N,) whether each object is still there.
+            fading: opacity, 0 to 1, of objects that were removed a moment ago.
+            trails: the points (T, 2) of each trail, px, oldest first.
         """
         scene = self.scene
         image = self._static_layer(tuple(bool(t) for t in present[: scene.n_blocks])).copy()
@@ -104,7 +104,7 @@ class Painter:
         return image.reduce(SUPERSAMPLING)
 
     def _static_layer(self, present: tuple[bool, ...]) -> Image.Image:
-        """Return ground and static blocks, drawn anew only when a block has gone."""
+        """Return background and static blocks; they are drawn again only after a removal."""
         if self._cached_static_layer is None or self._cached_static_layer[0] != present:
             side = self.size * SUPERSAMPLING
             image = Image.new("RGB", (side, side), self.theme.background)
@@ -122,12 +122,12 @@ class Painter:
         return self._cached_static_layer[1]
 
     def _pixel(self, x: float, y: float) -> Point:
-        """Return where a point of the scene is in the large picture; (0, 0) is the middle of the first pixel."""
+        """Return the place of a point of the scene in the large picture; (0, 0) is the centre of the first pixel."""
         shift = 0.5 * self.size * SUPERSAMPLING / drawing.SCREEN - 0.5
         return float(x) * self._scale + shift, float(y) * self._scale + shift
 
     def _bar(self, pen: ImageDraw.ImageDraw, block: int, pose: Floats, opacity: float = 1.0) -> None:
-        """Draw a bar: all within its radius of the line between its ends."""
+        """Draw a bar: all points within its radius of the segment between its ends."""
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         ends = [(pose[0] + x * cos - y * sin, pose[1] + x * sin + y * cos) for x, y in self._arms[block]]
         background, radius = self.theme.background, BAR_RADIUS + 0.5
@@ -147,7 +147,7 @@ class Painter:
             pen.ellipse((x - r, y - r, x + r, y + r), fill=colour)
 
     def _ball(self, pen: ImageDraw.ImageDraw, index: int, pose: Floats) -> None:
-        """Draw a ball and the radius that shows its angle."""
+        """Draw a ball and the line that shows its angle."""
         radius = float(self.scene.balls[index - self.scene.n_blocks, 2])
         here = [(pose[0], pose[1])] * 2
         if self.theme.outlined:
@@ -167,7 +167,7 @@ class Painter:
             self._capsule(pen, [(x, y)] * 2, drawing.LINK_DOT, colour)
 
     def _trail(self, pen: ImageDraw.ImageDraw, points: Floats) -> None:
-        """Draw where a ball has been, fainter the longer ago."""
+        """Draw the path of a ball; older parts are fainter."""
         count, width = len(points) - 1, max(1, round(3 * self._scale))
         for k in range(count):
             colour = blend(self.theme.ball, self.theme.background, 0.08 + 0.42 * (k + 1) / count)
@@ -175,7 +175,7 @@ class Painter:
 
 
 def _zigzag(first: Floats, last: Floats) -> list[Point]:
-    """Return the corners of a spring between two points, straight at its ends."""
+    """Return the corners of a spring between two points; its ends are straight."""
     way = np.asarray(last, float) - np.asarray(first, float)
     length = float(np.hypot(*way))
     if length == 0:

@@ -1,6 +1,6 @@
-"""The compiled program behind `viewer.recording`: it plays one world and keeps every frame.
+"""The compiled program of `viewer.recording`: it plays one world and keeps every frame.
 
-It uses the same `rollouts.episode_step` as `simulate`, compiled for one world without lanes. A whole episode takes
+It uses the same `rollouts.episode_step` as `simulate`, but compiled for one world without lanes. A whole play takes
 milliseconds.
 """
 
@@ -20,7 +20,7 @@ from iphyre_jax.plans import NEVER
 
 
 class Frames(NamedTuple):
-    """Frames of one world, JAX or NumPy arrays: F frames, n moving bodies, K contact slots."""
+    """F frames of one world, as JAX or NumPy arrays, with n moving bodies and K contact slots."""
 
     pose: Any  # (F, n, 3)
     velocity: Any  # (F, n, 2)
@@ -32,13 +32,13 @@ _Carry = tuple[jax.Array, rollouts.EpisodeState, Frames]  # step counter, episod
 
 @dataclass(frozen=True)
 class RecordProgram:
-    """Plays one world and writes down every frame.
+    """Play one world and store every frame.
 
     Attributes:
-        topology: of the world.
-        dtype: of the physics.
-        columns: of a plan.
-        length: most steps.
+        topology: topology of the world.
+        dtype: number type of the physics.
+        columns: number of entries in a plan.
+        length: largest number of steps.
     """
 
     sources: ClassVar[tuple[str, ...]] = (*programs.SOURCES, "viewer/record_program.py")
@@ -63,7 +63,7 @@ class RecordProgram:
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return success, steps, eliminations and fault, (4,) int32, and the arrays of a `Frames`."""
+        """Return success, steps, eliminations and fault, (4,) int32, then the arrays of `Frames`."""
         words, plan, numbers = arguments
         world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
         result, frames = _record_frames(self.topology, self.length, world, programs.timing_of(numbers), plan)
@@ -74,11 +74,11 @@ class RecordProgram:
 def _record_frames(
     topology: Topology, length: int, world: World, timing: Timing, plan: jax.Array
 ) -> tuple[rollouts.EpisodeResult, Frames]:
-    """Play one world and write every frame."""
+    """Play one world and store every frame."""
     episode = rollouts.reset_episode(topology, world, jnp.zeros((), bool))
     first = _current_frame(topology, world, episode)
     frames = jax.tree.map(lambda leaf: jnp.zeros((length + 1, *leaf.shape), leaf.dtype).at[0].set(leaf), first)
-    # A plan has as many columns as the limits allow; bars that no column removes have column -1 and match none.
+    # Plans have one column for each allowed block. Bars that no column removes have slot -1, which matches none.
     columns = jnp.arange(plan.shape[0], dtype=jnp.int32)
     removal = jnp.max(jnp.where(world.plan_slot[None] == columns[:, None], plan[:, None], NEVER), axis=0)
 
@@ -96,9 +96,9 @@ def _record_frames(
 
 
 def _current_frame(topology: Topology, world: World, episode: rollouts.EpisodeState) -> Frames:
-    """Return what one frame shows, without the first axis.
+    """Return the current frame, without the axis of frames.
 
-    A step moves the bodies first and collides them then, so its contacts are those of the poses it ends with.
+    A step first moves the bodies and then collides them. So its contacts belong to the poses after the step.
     """
     state = episode.state
     shape = shapes.world_shapes(topology, world, state)

@@ -1,7 +1,6 @@
-"""Recordings: one play, step by step, with everything that pictures and pages show of it.
+"""Recordings: one play with every frame, for pictures and pages.
 
-`simulate` plays batches; a recording is a single world with all its poses, velocities and contact points. It stands on
-the same `rollouts.episode_step`, compiled for one world without lanes, which takes milliseconds for a whole play.
+`simulate` plays batches. `record` plays a single world and keeps all poses, velocities and contact points.
 """
 
 from __future__ import annotations
@@ -27,22 +26,22 @@ Floats = npt.NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One play. Frame k is the world after k steps; frame 0 is the start; F = steps + 1 frames, N objects.
+    """One play of N objects in F = steps + 1 frames. Frame k is the world after k steps; frame 0 is the start.
 
     Attributes:
-        scene: what was played.
-        plan: for each eliminable block the step before which it was to go, -1 for never.
-        fps: physics steps a second, as many as frames.
-        dtype: of the physics, "float64" or "float32".
-        resets: number of the reset of a reused space.
-        poses: (F, N, 3) x, y (px) and angle (rad) of every object, also of removed ones.
-        velocities: (F, N, 2) px/s, without the solver's bias; zero at the start and for what does not move.
-        contacts: (F, K, 2) px, points at which bodies touch; NaN in unused rows.
-        success: every ball fell below the picture's lower edge.
-        steps: physics steps made, the solving one included.
-        eliminations: blocks removed by then.
-        reward: 1000 if solved, less 10 for each removed block, less 1 for each second.
-        fault: 0 if sound, else a code of `iphyre_jax.rollouts`.
+        scene: the scene.
+        plan: for each eliminable block the step before which it is removed, -1 for never.
+        fps: physics steps a second; each step is a frame.
+        dtype: number type of the physics, "float64" or "float32".
+        resets: number of the reset in a reused space.
+        poses: (F, N, 3) x, y (px) and angle (rad) of every object, removed ones included.
+        velocities: (F, N, 2) px/s, without the bias velocities of the solver; zero at the start and for static objects.
+        contacts: (F, K, 2) px, contact points; NaN in unused rows.
+        success: whether every ball fell below the lower edge of the picture.
+        steps: number of physics steps, including the one that solved the game.
+        eliminations: number of removed blocks.
+        reward: 1000 if solved, minus 10 for each removed block, minus 1 for each second.
+        fault: 0 for a valid play, else a code of `iphyre_jax.rollouts`.
     """
 
     scene: Scene
@@ -63,18 +62,18 @@ class Recording:
     def of_poses(
         cls, scene: Scene, plan: npt.ArrayLike, poses: npt.ArrayLike, *, fps: int = 60, success: bool = False
     ) -> Recording:
-        """Make a recording of poses from elsewhere: the samples of `simulate`, or another engine.
+        """Make a recording from given poses, such as the samples of `simulate` or the poses of another engine.
 
         Args:
-            scene: what was played.
+            scene: the scene.
             plan: as for `record`.
-            poses: (F, N, 3) x, y (px) and angle (rad) of every object at the start and after every step, and nothing
-                beyond the end; NaN for objects that are gone.
+            poses: (F, N, 3) x, y (px) and angle (rad) of every object at the start and after every step, up to the
+                last step; NaN for removed objects.
             fps: physics steps a second.
-            success: how it ended.
+            success: whether the play solved the game.
 
         Returns:
-            The recording; velocities are differences of poses, contacts are unknown and left out.
+            The recording. Velocities are differences of poses. It has no contacts.
 
         Raises:
             ValueError: one line that names the argument and what was expected.
@@ -82,9 +81,9 @@ class Recording:
         steps, filled, rate = _full_plan(scene, plan), np.array(poses, np.float64), whole_fps(fps)
         if filled.ndim != 3 or not len(filled) or filled.shape[1:] != (scene.n_objects, 3):
             raise ValueError(f"poses: expected shape (F, {scene.n_objects}, 3), got {filled.shape}")
-        filled = np.where(np.isnan(filled), filled[:1], filled)  # only static bars go; they are where they were
+        filled = np.where(np.isnan(filled), filled[:1], filled)  # only static bars are removed; they stay in place
         if not np.isfinite(filled).all():
-            raise ValueError("poses: expected finite numbers in the first frame, and NaN only for what is gone")
+            raise ValueError("poses: expected finite numbers in the first frame, and NaN only for removed objects")
         velocities = np.zeros((*filled.shape[:2], 2))
         velocities[1:] = np.diff(filled[:, :, :2], axis=0) * rate
         made = len(filled) - 1
@@ -108,7 +107,7 @@ class Recording:
 
     @property
     def last_frames(self) -> npt.NDArray[np.int64]:
-        """(N,) the last frame in which an object is there; the last of all for what stays."""
+        """(N,) the last frame in which each object is present."""
         last = np.full(self.scene.n_objects, self.steps, np.int64)
         for block, step in zip(self.scene.eliminable_blocks, self.plan, strict=True):
             if NEVER < step < self.steps:
@@ -119,14 +118,15 @@ class Recording:
 def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "float64", resets: int = 1) -> Recording:
     """Play one plan and keep every frame.
 
-    A host function, as `simulate`, with the same outcome: in float64 to the last bit.
+    Runs on the host and gives the same result as `simulate`; in float64 all bits are equal.
 
     Args:
-        scene: what to play.
-        plan: (S,) integers, for each eliminable block the step before which it goes, -1 for never; missing ones stay.
+        scene: the scene to play.
+        plan: (S,) integers, for each eliminable block the step before which it is removed, -1 for never; blocks without
+            an entry stay.
         fps: physics steps a second.
-        dtype: "float64" or "float32", of the physics.
-        resets: number of the reset of a reused space; 1 is a fresh one.
+        dtype: number type of the physics, "float64" or "float32".
+        resets: number of the reset in a reused space; 1 is a fresh space.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -162,7 +162,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
 
 
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
-    """Return the checked plan with an entry for each eliminable block."""
+    """Check a plan and return it with an entry for each eliminable block."""
     entries, blocks = np.asarray(plan), len(scene.eliminable_blocks)
     if entries.ndim != 1 or (entries.size and entries.dtype.kind not in "iu") or len(entries) > blocks:
         raise ValueError(f"plan: expected at most {blocks} integers, got {entries.dtype} of shape {entries.shape}")
@@ -172,7 +172,7 @@ def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
 
 
 def _object_arrays(scene: Scene, frames: Frames, count: int) -> dict[str, Floats]:
-    """Return poses and velocities of all objects in list order, and contacts, of the frames played."""
+    """Return poses and velocities of all objects in list order, and contacts, of the first `count` frames."""
     poses = np.zeros((count, scene.n_objects, 3))
     poses[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
     velocities = np.zeros((count, scene.n_objects, 2))

@@ -223,6 +223,6 @@ def test_a_failure_within_is_told_and_play_goes_on(
         raise RuntimeError("something inside")
 
     monkeypatch.setitem(server.api._calls, "api/start", (fail, frozenset()))
-    assert ask(server, "api/start") == (500, {"error": "the server failed; its terminal says how"})
+    assert ask(server, "api/start") == (500, {"error": "the server failed; the terminal shows the error"})
     assert ask(server, "api/check", {"scene": {}})[0] == 200
     assert "RuntimeError: something inside" in capsys.readouterr().err
