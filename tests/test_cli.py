@@ -1,4 +1,4 @@
-"""The command `iphyre-jax`: what it prints, and one line for every mistake."""
+"""The command `iphyre-jax`: its output, and one line for every mistake."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
-    """Support without its bars at 10 fps: 2.4 s and two removals, the best known plan, 977.6."""
+    """The best known plan of support at 10 fps: 2.4 s, two removals, a reward of 977.6."""
     plan = ["--plan", "0.1", "0.2", "--fps", "10", "--rule", "in_advance", "--resets", "2"]
     assert run(["simulate", "support", *plan]) == 0
     out = capsys.readouterr().out
@@ -121,7 +121,7 @@ def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_old_evaluate_of_a_policy_warns(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The evaluation itself, fifty games, is left out."""
+    """The evaluation itself takes fifty games, so it is replaced."""
     asked: list[object] = []
 
     def remember(command: object, console: object) -> int:
@@ -165,7 +165,7 @@ def test_output_that_nobody_reads_is_no_error() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        process.stdout.close()  # long before the command has anything to say
+        process.stdout.close()  # before the command prints anything
         assert process.stderr.read() == ""
         assert process.wait() == 141
 

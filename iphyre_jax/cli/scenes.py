@@ -21,10 +21,10 @@ class Check:
 
     files: Annotated[tyro.conf.Positional[tuple[Path, ...]], option("FILE ...", "The scene files.", "")]
     max_objects: Annotated[
-        int | None, option("COUNT", "Allow so many objects, 12 to 64.", "as the file states, else 12")
+        int | None, option("COUNT", "Number of objects to allow, 12 to 64.", "as the file states, else 12")
     ] = None
     max_blocks: Annotated[
-        int | None, option("COUNT", "Allow so many eliminable blocks, 6 to 64.", "as the file states, else 6")
+        int | None, option("COUNT", "Number of eliminable blocks to allow, 6 to 64.", "as the file states, else 6")
     ] = None
 
 

@@ -40,7 +40,7 @@ Plan = Annotated[
     tuple[str, ...],
     option(
         "SECONDS ...",
-        'When each eliminable block goes, in seconds, separated by spaces, in the order of "iphyre-jax games". '
+        'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
         '"never" or "-" keeps a block. Blocks without a time stay.',
         "remove nothing",
     ),
@@ -216,7 +216,7 @@ def play(command: PlayPage, console: Console) -> None:
 def evaluate_plays(path: Path, console: Console) -> None:
     """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 
-    Tables never mix frame rates. The best of the first five attempts stands beside the people of the paper.
+    Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
     """
     groups: dict[tuple[int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
     for entry in load_plays(path):

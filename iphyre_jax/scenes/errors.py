@@ -1,4 +1,4 @@
-"""Error messages of one line each: how to show a wrong value, and how to raise what was found."""
+"""Error messages of one line each: how to show a wrong value, and how to raise all problems at once."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final

@@ -75,12 +75,12 @@ def parse_json(content: bytes, source: str) -> object:
     name = one_line(source)
 
     def object_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        found: dict[str, object] = {}
+        fields: dict[str, object] = {}
         for key, value in pairs:
-            if key in found:
+            if key in fields:
                 raise _RepeatedKeyError(f"{name}: {show(key)}: expected this field once, got it again")
-            found[key] = value
-        return found
+            fields[key] = value
+        return fields
 
     if len(content) > MAX_FILE_BYTES:
         raise ValueError(f"{name}: expected at most {MAX_FILE_BYTES} bytes, got more")

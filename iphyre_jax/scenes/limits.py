@@ -9,7 +9,7 @@ from typing import Final
 MAX_OBJECTS: Final = 12  # rows of the official observation (IPHYREEnv.py)
 MAX_ELIMINABLE: Final = 6  # entries of the official plan (IPHYREEnv.py)
 MOST_OBJECTS: Final = 64  # of any scene; the contact order of the solver counts up to 63 static bars
-MAX_MOVING: Final = 15  # the tag of a contact point can name so many bodies
+MAX_MOVING: Final = 15  # moving bodies that the tag of a contact point can name
 MAX_COORDINATE: Final = 10_000.0  # px; the screen has 600 px, and float32 resolves about 0.001 px at this distance
 MIN_LENGTH: Final = 1e-3  # px; in float32 a shorter bar, radius or pin has no direction or no moment
 MAX_NAME: Final = 100  # characters of a scene's name

@@ -87,8 +87,8 @@ class Recording:
         velocities = np.zeros((*filled.shape[:2], 2))
         velocities[1:] = np.diff(filled[:, :, :2], axis=0) * rate
         made = len(filled) - 1
-        gone = sum(NEVER < step < made for step in steps)
-        reward = episode_reward(np.array([success]), np.array([gone]), np.array([made]), rate)
+        removed = sum(NEVER < step < made for step in steps)
+        reward = episode_reward(np.array([success]), np.array([removed]), np.array([made]), rate)
         empty = np.full((len(filled), 0, 2), np.nan)
         fields = {"poses": filled, "velocities": velocities, "contacts": empty}
         return cls(
@@ -100,7 +100,7 @@ class Recording:
             **fields,
             success=bool(success),
             steps=made,
-            eliminations=gone,
+            eliminations=removed,
             reward=float(reward[0]),
             fault=0,
         )

@@ -1,4 +1,4 @@
-"""The pages in a real browser. `make test-browser` runs these; pictures of what they saw are in build/browser/."""
+"""The pages in a real browser. `make test-browser` runs these tests; screenshots go to build/browser/."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ HOSTILE = (
 
 
 def until(page: Page, condition: str, seconds: float = 60.0) -> None:
-    """Wait for a condition in JavaScript; Playwright's own way needs eval, which the pages forbid themselves."""
+    """Wait for a condition in JavaScript. The wait of Playwright needs eval, which the pages forbid."""
     end = time.monotonic() + seconds
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
@@ -187,7 +187,7 @@ def serving(folder: Path, **options: Any) -> Iterator[PlayServer]:
 
 
 def clicker(page: Page, canvas: str) -> Callable[[float, float], None]:
-    """Return what clicks at a point of the scene."""
+    """Return a function that clicks at a point of the scene."""
     box = page.locator(canvas).bounding_box()
     assert box
     scale = box["width"] / 600
@@ -206,7 +206,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
         page.select_option("#game", label="hole")
         page.wait_for_selector("html[data-ready=hole]", timeout=60_000)
         click = clicker(page, "#board")
-        click(300, 50)  # starts, as a click anywhere does
+        click(300, 50)  # a click anywhere starts the game
         for block, frame in ((5, 30), (4, 83)):
             until(page, f"board.dataset.state === 'running' && board.dataset.frame >= {frame}")
             click(*scene.blocks[block].mean(axis=0))
@@ -236,7 +236,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
 
 
 def test_play_is_smooth(page: Page, tmp_path: Path) -> None:
-    """Frames of the page while a game runs, and the wait after a click."""
+    """Measure the frame rate of the page during a game, and the delay after a click."""
     with serving(tmp_path) as server:
         page.goto(server.address)
         page.wait_for_selector("html[data-ready=support]", timeout=60_000)
@@ -302,7 +302,7 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
         before = page.evaluate("verdict.textContent")
         page.click("#undo")
         page.click("#redo")
-        page.click("#dynamic")  # of the bar that was dragged, which can be removed: not both
+        page.click("#dynamic")  # the dragged bar is removable, so it cannot also move
         until(page, "problems.children.length === 1")
         page.screenshot(path=ARTEFACTS / "editor-message.png")
         page.click("#undo")

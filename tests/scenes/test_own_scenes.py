@@ -1,4 +1,4 @@
-"""Scenes of one's own: builder, geometry, variations, JSON Schema and the command that checks files."""
+"""Own scenes: builder, geometry, variations, JSON Schema, and the command that checks files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ALL_GAMES = [game for games in SPLITS.values() for game in games]
 
 def built() -> Scene:
     builder = SceneBuilder("own")
-    ball = builder.ball((250, 340))  # before the blocks: its index comes behind theirs all the same
+    ball = builder.ball((250, 340))  # added before the blocks, but its index comes after theirs
     shelf = builder.block((200, 400), (300, 400), eliminable=True)
     builder.block((200, 500), (300, 500), dynamic=True)
     builder.joint(shelf, ball)
@@ -145,7 +145,7 @@ def test_bad_variations_get_one_line(case: str) -> None:
 
 
 def conforms(value: Any, schema: dict[str, Any]) -> bool:
-    """Judge a value by the keywords that the schema of scenes uses."""
+    """Check a value against the keywords that the schema of scenes uses."""
     if "const" in schema or "enum" in schema:
         return value in schema.get("enum", [schema.get("const")])
     kinds = {"array": list, "object": dict, "string": str, "integer": int, "number": int | float}

@@ -1,4 +1,4 @@
-"""The replay page: self-contained, tapes that hold the frames, text that stays text."""
+"""The replay page: it is self-contained, its tapes hold the frames, and text stays text."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def solved() -> Recording:
 
 
 def test_a_tape_holds_the_frames(solved: Recording) -> None:
-    """Read as `pages/tape.js` reads it; the browser tests compare the two."""
+    """Unpack the tape like `pages/tape.js`; the browser tests check that script."""
     grown = np.frombuffer(zlib.decompress(base64.b64decode(pack.pack_tape(solved))), "<i4").astype(np.int64)
     frames = solved.steps + 1
     columns = grown[: 5 * frames].reshape(5, frames).cumsum(axis=1)
@@ -75,7 +75,7 @@ def test_json_for_scripts_has_no_markup() -> None:
 
 
 def test_pages_write_text_never_markup() -> None:
-    """No script makes elements from text, or code from text."""
+    """No script turns text into elements or code."""
     markup = re.compile(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function")
     for name in {*SCRIPTS, *PLAY_SCRIPTS}:
         assert not markup.search(page_file(name)), name

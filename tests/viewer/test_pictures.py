@@ -1,4 +1,4 @@
-"""Frames, films and sheets: what they show, and that files are what they say."""
+"""Frames, films and sheets: their contents, and the format of the files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def solved() -> Recording:
 
 @pytest.mark.parametrize("game", ["hole", "impulse_pendulum", "spring_flick", "multi_ball_stack"])
 def test_the_official_theme_is_the_official_picture(game: str) -> None:
-    """Against `iphyre_jax.observations.drawing`, which is checked against the official class: only edges may differ."""
+    """Compare with `iphyre_jax.observations.drawing`, which is compared with the official class: only edges may differ."""
     scene = load_scene(game)
     theirs = picture(SteppedWorld(scene, fps=60, resets=1)).astype(int)
     ours = still(start_of(scene), Look(theme="official", captions=False)).astype(int)

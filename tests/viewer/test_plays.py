@@ -1,4 +1,4 @@
-"""Files of plays: what is written is read, and what is wrong is told in one line."""
+"""Files of plays: what is written can be read, and each mistake gives one line."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert (first.agent, second.plan) == ("<b>", (60,))
     assert not first.difference(first.record())
     assert first.record().success
-    told = replace(first, result={**(first.result or {}), "steps": 1}).difference(first.record())
-    assert told == "steps 1, now 261"
+    difference = replace(first, result={**(first.result or {}), "steps": 1}).difference(first.record())
+    assert difference == "steps 1, now 261"
 
 
 @pytest.mark.parametrize(

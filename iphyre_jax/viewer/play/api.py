@@ -86,7 +86,7 @@ class Api:
 
     def _game(self, fields: Fields) -> object:
         """Return a scene, its play without removals, the scores in the paper, and the attempts so far."""
-        scene = _scene(fields)
+        scene = _read_scene(fields)
         untouched = self._record_play(scene, [NEVER] * len(scene.eliminable_blocks))
         own = scene.name in GAMES and scene == load_scene(scene.name)
         best = best_plays().get(scene.name) if own else None
@@ -99,22 +99,22 @@ class Api:
         }
 
     def _record(self, fields: Fields) -> object:
-        scene = _scene(fields)
-        return pack_play(self._record_play(scene, _plan(fields, scene)))
+        scene = _read_scene(fields)
+        return pack_play(self._record_play(scene, _read_plan(fields, scene)))
 
     def _attempt(self, fields: Fields) -> object:
         """Count, save and score an attempt; the server computes the score from the plan."""
-        scene = _scene(fields)
-        recording = self._record_play(scene, _plan(fields, scene))
+        scene = _read_scene(fields)
+        recording = self._record_play(scene, _read_plan(fields, scene))
         standing = self._session.add(recording)
         return {"play": pack_play(recording), "standing": standing}
 
     def _again(self, fields: Fields) -> object:
-        return {"standing": self._session.begin_again(_scene(fields))}
+        return {"standing": self._session.begin_again(_read_scene(fields))}
 
     def _agents_and_attempts(self, fields: Fields) -> object:
         """Return plays of a scene by others, and the attempts of the person."""
-        scene = _scene(fields)
+        scene = _read_scene(fields)
         others = [(play, False) for play in self._agents if play.scene == scene]
         own = [(play, True) for play in self._session.attempts(scene)]
         return [
@@ -144,12 +144,12 @@ class Api:
             self._engine.release()
 
 
-def _scene(fields: Fields) -> Scene:
+def _read_scene(fields: Fields) -> Scene:
     return read_scene_field(fields["scene"], "request")
 
 
-def _plan(fields: Fields, scene: Scene) -> list[int]:
-    """Return the plan of a person. As in the official simulator, at most one block goes at each step after the start."""
+def _read_plan(fields: Fields, scene: Scene) -> list[int]:
+    """Return the plan of a person: at most one removal per step, none before step 1, as in the official simulator."""
     plan = fields["plan"]
     raise_problems("request", plan_problems(plan, scene))
     steps = [step for step in plan if step != NEVER]
