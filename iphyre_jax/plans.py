@@ -8,13 +8,19 @@ the in-advance learning environment rounds to tenths of a second and loses ties.
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import whole_fps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, TIME_LIMIT
+
+NEVER_WORDS = ("never", "-")  # in a plan that a person writes
+
+if TYPE_CHECKING:
+    from iphyre_jax.scenes import Scene
 
 Rule = Literal["simulate", "in_advance"]
 
@@ -115,3 +121,30 @@ def _in_advance_steps(times: npt.NDArray[np.floating[Any]], fps: int) -> npt.NDA
     same = instant[:, :, None] == instant[:, None, :]
     lost = np.tril(same, k=-1).any(axis=2)
     return np.where(valid & ~lost, instant * (fps // DECISIONS_PER_SECOND), NEVER)
+
+
+def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:
+    """Read a plan as people write it: a time for each eliminable block, or "never" or "-" for one that stays.
+
+    Args:
+        words: times in seconds, in the order of the scene's eliminable blocks; blocks without a word stay.
+        scene: the scene to play.
+
+    Returns:
+        (1, S) float64, s, as `plan_to_steps` takes them; NaN for a block that stays.
+
+    Raises:
+        ValueError: one line; a word is not a time, or there are more words than eliminable blocks.
+    """
+    blocks = len(scene.eliminable_blocks)
+    if len(words) > blocks:
+        raise ValueError(f"plan: expected at most {blocks} times (eliminable blocks of {scene.name}), got {len(words)}")
+    seconds = np.full((1, blocks), np.nan)
+    for k, word in enumerate(words):
+        try:
+            seconds[0, k] = np.nan if word in NEVER_WORDS else float(word)
+        except ValueError:
+            seconds[0, k] = -1.0
+        if seconds[0, k] < 0 or np.isinf(seconds[0, k]):
+            raise ValueError(f"plan: expected seconds from 0 on, or never, separated by spaces, got {word!r}")
+    return seconds

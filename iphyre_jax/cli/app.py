@@ -1,4 +1,4 @@
-"""What `iphyre-jax` can do. Needs the extra `train`."""
+"""The subcommands of `iphyre-jax`: parsing and dispatch. Needs the extra `train`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,53 +16,61 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.cli import scenes, train, viewer
-from iphyre_jax.cli.viewer import PlayPage, Render, Replay
+from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
-from iphyre_jax.plans import Rule, plan_to_steps
+from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
+from iphyre_jax.train.storage import pretrained
 
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
 
 
 @dataclass(frozen=True)
 class Simulate:
-    """Play one plan and print how it ends."""
+    """Play one plan and print the result."""
 
-    scene: tyro.conf.Positional[str]
-    """A game's name or a scene file."""
-    plan: tuple[str, ...] = ()
-    """Seconds at which each eliminable block goes, in list order ("iphyre-jax games" shows them); "never" or "-" for
-    one that stays. Missing ones stay."""
+    scene: Annotated[tyro.conf.Positional[str], option("SCENE", "A game's name or a scene file.")]
+    plan: Plan = ()
     fps: int = 60
     """Physics steps a second."""
     rule: Rule = "simulate"
-    """How seconds become steps: "simulate", the driver of people and data sets, or "in_advance", the agents'."""
+    """How seconds become steps: as in the official simulator (people, data sets), or as for agents that plan ahead."""
     resets: int = 1
-    """Number of the reset of a reused space; official agents play in the second."""
+    """Number of the reset in a reused physics space: 1 is a fresh space; official agents play after the second."""
     dtype: Literal["float64", "float32"] = "float64"
-    """Of the physics."""
+    """Number type of the physics."""
 
 
 @dataclass(frozen=True)
 class Games:
     """List the games with their splits and eliminable blocks."""
 
-    split: str | None = None
-    """Only this one."""
+    split: Annotated[str | None, option("SPLIT", "List only this split.", "all splits")] = None
 
 
-Command = train.TrainingCommand | Simulate | Games | scenes.SceneCommand | Render | Replay | PlayPage
+@dataclass(frozen=True)
+class VerifyPretrained:
+    """Play the games with a policy of the package and check that it reaches its published scores.
+
+    The exit code is 1 if a score differs.
+    """
+
+    name: Annotated[tyro.conf.Positional[str], option("NAME", "Name of the policy, such as ppo-i.")]
+
+
+ViewerCommand = Render | Replay | PlayPage | Score
+Command = train.TrainingCommand | VerifyPretrained | Simulate | Games | scenes.SceneCommand | ViewerCommand
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Parse the arguments, do what they ask and return the exit code.
+    """Parse the arguments, run the command and return the exit code.
 
     Calls `configure` first, unless the environment variable IPHYRE_JAX_CONFIGURE is "off".
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    command = _parse(given)
+    command = _without_old_spelling(_parse(list(sys.argv[1:] if arguments is None else arguments)))
     if (
         not isinstance(command, Games | scenes.SceneCommand)
         and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS
@@ -70,6 +79,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     console = Console()
     if isinstance(command, train.TrainingCommand):
         return train.run(command, console)
+    if isinstance(command, VerifyPretrained):
+        return _verify_pretrained(command, console)
     actions: dict[type, Callable[..., None]] = {
         Simulate: _simulate,
         Games: _games,
@@ -77,25 +88,28 @@ def run(arguments: Sequence[str] | None = None) -> int:
         Render: viewer.render,
         Replay: viewer.replay,
         PlayPage: viewer.play,
+        Score: lambda command, console: viewer.evaluate_plays(command.plays, console),
     }
     actions[type(command)](command, console)
     return 0
 
 
 def _parse(arguments: list[str]) -> Command:
-    """Parse the command line; what `train` does by default depends on the agent that it names."""
+    """Parse the command line; the defaults of `train` depend on the agent that the arguments name."""
     default = train.defaults(arguments[1:]) if arguments[:1] == ["train"] else train.Train()
     command: Command = tyro.cli(
         Annotated[train.Train, tyro.conf.subcommand("train", default=default)]
         | Annotated[train.Resume, tyro.conf.subcommand("resume")]
         | Annotated[train.Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[train.Compare, tyro.conf.subcommand("compare")]
+        | Annotated[VerifyPretrained, tyro.conf.subcommand("verify-pretrained")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[Games, tyro.conf.subcommand("games")]
         | Annotated[scenes.SceneCommand, tyro.conf.subcommand("scene")]
         | Annotated[Render, tyro.conf.subcommand("render")]
         | Annotated[Replay, tyro.conf.subcommand("replay")]
-        | Annotated[PlayPage, tyro.conf.subcommand("play")],
+        | Annotated[PlayPage, tyro.conf.subcommand("play")]
+        | Annotated[Score, tyro.conf.subcommand("score")],
         prog="iphyre-jax",
         description="I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes.",
         args=arguments,
@@ -103,22 +117,43 @@ def _parse(arguments: list[str]) -> Command:
     return command
 
 
+def _without_old_spelling(command: Command) -> Command:
+    """Replace `evaluate NAME` and `evaluate FILE`, with a warning, by the commands that took their place."""
+    if not isinstance(command, train.Evaluate):
+        return command
+    replacement: VerifyPretrained | Score
+    if command.run.is_file():
+        name, replacement = "score", Score(command.run)
+    elif not command.run.exists() and str(command.run) in pretrained.names():
+        name, replacement = "verify-pretrained", VerifyPretrained(str(command.run))
+    else:
+        return command
+    old, new = f"evaluate {command.run}", f"{name} {command.run}"
+    print(f"iphyre-jax: FutureWarning: `{old}` is deprecated; use `iphyre-jax {new}`", file=sys.stderr)
+    return replacement
+
+
+def _verify_pretrained(command: VerifyPretrained, console: Console) -> int:
+    """`iphyre-jax verify-pretrained`."""
+    if command.name not in pretrained.names():
+        raise ValueError(f"name: expected one of {', '.join(pretrained.names())}, got {command.name!r}")
+    return train.run(train.Evaluate(Path(command.name)), console)
+
+
 def _simulate(command: Simulate, console: Console) -> None:
     """`iphyre-jax simulate`."""
     scene = load_scene(command.scene)
-    blocks = scene.eliminable_blocks
-    seconds = viewer.seconds_of(command.plan, scene)
-    steps = plan_to_steps(seconds, command.fps, command.rule)
+    steps = plan_to_steps(parse_plan(command.plan, scene), command.fps, command.rule)
     played = simulate(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
-    for block, step in zip(blocks, steps[0].tolist(), strict=True):
+    for block, step in zip(scene.eliminable_blocks, steps[0].tolist(), strict=True):
         when = f"before step {step} ({step / command.fps:.3f} s)" if step >= 0 else "never"
-        console.print(f"block {block}: {when}")
+        say(console, f"block {block}: {when}")
     solved = "solved" if played.success[0] else "not solved"
     seconds_played = played.steps[0] / command.fps
-    console.print(f"{scene.name}: {solved} after {played.steps[0]} steps ({seconds_played:.3f} s)")
-    console.print(f"eliminations: {played.eliminations[0]}\nreward: {played.reward[0]:.4f}")
+    say(console, f"{scene.name}: {solved} after {played.steps[0]} steps ({seconds_played:.3f} s)")
+    say(console, f"eliminations: {played.eliminations[0]}\nreward: {played.reward[0]:.4f}")
     if played.fault[0]:
-        console.print(f"fault: {played.fault[0]}")
+        say(console, f"fault: {played.fault[0]}")
 
 
 def _games(command: Games, console: Console) -> None:
@@ -132,11 +167,11 @@ def _games(command: Games, console: Console) -> None:
     for split in [command.split] if command.split else SPLITS:
         for name in SPLITS[split]:
             scene = load_scene(name)
-            ends = (f"{block}: {_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
+            ends = (f"{block}: {_end_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
             table.add_row(name, split, str(scene.n_objects), str(scene.n_balls), "\n".join(ends))
     console.print(table)
 
 
-def _points(block: np.ndarray) -> str:
-    """End points of a block."""
+def _end_points(block: np.ndarray) -> str:
+    """Write the end points of a block, px."""
     return "-".join(f"({x:g}, {y:g})" for x, y in block.tolist())

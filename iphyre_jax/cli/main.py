@@ -1,4 +1,4 @@
-"""The command `iphyre-jax`: arguments in, exit code out, one line for every error."""
+"""The command `iphyre-jax`: takes arguments, returns an exit code, explains every error in one line."""
 
 from __future__ import annotations
 
@@ -7,27 +7,32 @@ import os
 import sys
 from collections.abc import Sequence
 
-ERROR = 2  # exit code
-INTERRUPTED = 130  # exit code of a command that was ended with Ctrl-C
-VIEWER_PACKAGES = ("PIL", "imageio_ffmpeg")  # of the extra `viewer`; all others are of `train`
-UNREAD = 141  # exit code of a command whose output nobody reads any more, as behind `| head`
+from iphyre_jax import __version__
+
+ERROR = 2  # exit code of a mistake
+INTERRUPTED = 130  # exit code after Ctrl-C
+OUTPUT_CLOSED = 141  # exit code if the reader of the output has gone, as with `| head`
+VIEWER_PACKAGES = ("PIL", "imageio_ffmpeg")  # of the extra `viewer`; all others belong to `train`
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
     Args:
-        arguments: in place of those of the process.
+        arguments: the command line; by default that of the process.
     """
     sys.exit(run(arguments))
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code.
+    """Run the command line and return the exit code.
 
-    0 if all went well, also after --help; 2 with one line on the standard error for a mistake of the caller, or with a
-    short box if an option is wrong; 130 for a run that was ended with Ctrl-C; 141 if nobody reads the output any more.
+    0: success, also for --help and --version. 2: a mistake, explained in one line on the standard error, or in a short
+    box if an option is wrong. 130: Ctrl-C. 141: the reader of the output has gone.
     """
+    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+        print(f"iphyre-jax {__version__}")
+        return 0
     try:
         commands = importlib.import_module("iphyre_jax.cli.app")
         return int(commands.run(arguments))
@@ -41,7 +46,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter complains as it ends
-        return UNREAD
+        return OUTPUT_CLOSED
     except (ValueError, OSError) as error:
         return _fail(str(error))
     except SystemExit as end:  # of the parser: --help and wrong options
@@ -51,6 +56,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str) -> int:
-    """Say what is wrong on the standard error."""
+    """Print an error in one line and return its exit code."""
     print(f"iphyre-jax: {message}", file=sys.stderr)
     return ERROR

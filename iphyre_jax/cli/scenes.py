@@ -1,4 +1,4 @@
-"""`iphyre-jax scene`: what there is to do with scene files. Needs the extra `train`."""
+"""`iphyre-jax scene`: check scene files. Needs the extra `train`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from iphyre_jax.cli.console import option, say
 from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
-from iphyre_jax.scenes.geometry import remarks
+from iphyre_jax.scenes.geometry import scene_warnings
 
 
 @dataclass(frozen=True)
 class Check:
-    """Read scene files and say what they hold, or what is wrong with them. Ends with 2 if a file is wrong."""
+    """Read scene files and print their contents or their errors. The exit code is 2 if a file is wrong."""
 
-    files: tyro.conf.Positional[tuple[Path, ...]]
-    """The files."""
-    max_objects: int | None = None
-    """Objects that a scene may have, 12 to 64; by default what the file states, or else 12."""
-    max_blocks: int | None = None
-    """Eliminable blocks that a scene may have, 6 to 64; by default what the file states, or else 6."""
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], option("FILE ...", "The scene files.", "")]
+    max_objects: Annotated[
+        int | None, option("COUNT", "Number of objects to allow, 12 to 64.", "as the file states, else 12")
+    ] = None
+    max_blocks: Annotated[
+        int | None, option("COUNT", "Number of eliminable blocks to allow, 6 to 64.", "as the file states, else 6")
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class SceneCommand:
 
 
 def run(command: SceneCommand, console: Console) -> None:
-    """Do what a scene command asks.
+    """Run a scene command.
 
     Raises:
         ValueError: a file is wrong; one line for each wrong field.
@@ -54,33 +56,32 @@ def run(command: SceneCommand, console: Console) -> None:
     if not command.action.files:
         raise ValueError("files: expected at least one scene file")
     limits = _limits(command.action)
-    wrong = []
+    errors = []
     for path in command.action.files:
         try:
-            _describe(path, limits, console)
+            _print_contents(path, limits, console)
         except (ValueError, OSError) as error:
-            wrong.append(str(error))
-    if wrong:
-        raise ValueError("\n".join(wrong))
+            errors.append(str(error))
+    if errors:
+        raise ValueError("\n".join(errors))
 
 
 def _limits(check: Check) -> Limits | None:
-    """Return the limits that the options set; None if they set none."""
+    """Return the limits of the options; None if none is given."""
     options = {"objects": check.max_objects, "blocks": check.max_blocks}
     given = {name: most for name, most in options.items() if most is not None}
     return Limits(**given) if given else None
 
 
-def _describe(path: Path, limits: Limits | None, console: Console) -> None:
-    """Print what a file holds, and what is unusual about it."""
+def _print_contents(path: Path, limits: Limits | None, console: Console) -> None:
+    """Print the contents of a scene file, and warnings."""
     scene = read_scene(path, limits)
     moving = int(scene.dynamic[: scene.n_blocks].sum())
-    parts = [
+    counts = [
         f"{scene.n_blocks} blocks ({len(scene.eliminable_blocks)} eliminable, {moving} moving)",
         f"{scene.n_balls} balls",
         f"{len(scene.joints)} joints",
         f"{len(scene.springs)} springs",
     ]
-    lines = [f"{path}: valid, {scene.name}: {', '.join(parts)}", *(f"{path}: {line}" for line in remarks(scene))]
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    for line in (f"valid, {scene.name}: {', '.join(counts)}", *scene_warnings(scene)):
+        say(console, f"{path}: {line}")

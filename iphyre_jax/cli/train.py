@@ -13,6 +13,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.viewer import evaluate_plays
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
@@ -24,7 +25,6 @@ from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.train.trainer import RunState
 
-INTERRUPTED = 130
 CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide what the other settings are by default
 
 

@@ -1,11 +1,10 @@
-"""`iphyre-jax render`, `replay`, `play`: films and pages. Needs the extra `train`, films and pictures also `viewer`."""
+"""`iphyre-jax render`, `replay`, `play`, `score`. Needs the extra `train`; films and pictures also need `viewer`."""
 
 from __future__ import annotations
 
 import secrets
 import webbrowser
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -18,7 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from iphyre_jax.checks import show
-from iphyre_jax.plans import Rule, plan_to_steps
+from iphyre_jax.cli.console import option, say
+from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
@@ -34,83 +34,95 @@ if TYPE_CHECKING:
     from iphyre_jax.viewer.frames import Look
 
 BESIDE = 4  # plays side by side at most
-NEVER_WORDS = ("never", "-")
+SHEET_SIZE, PICTURE_SIZE = 150, 600  # px, side of one picture by default
 
-Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+Plan = Annotated[
+    tuple[str, ...],
+    option(
+        "SECONDS ...",
+        'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
+        '"never" or "-" keeps a block. Blocks without a time stay.',
+        "remove nothing",
+    ),
+]
 
 
 @dataclass(frozen=True)
 class Render:
-    """Render a play to a picture or film, plays side by side, or a contact sheet."""
+    """Draw plays: one as a picture or film, some side by side, or many on one sheet."""
 
-    what: tyro.conf.Positional[str]
-    """A game's name or a scene file, to be played under --plan; a split or "all", for a sheet of start scenes; a file
-    of plays, a run folder or "best" (the best plans known), for a sheet of how they end, or with --game for its plays
-    side by side."""
-    out: Out
-    """The file: .png, .gif or .mp4."""
-    plan: tuple[str, ...] = ()
-    """Seconds at which each eliminable block goes, in list order; "never" or "-" for one that stays."""
-    game: str | None = None
-    """Of a file of plays only those of this scene, side by side."""
-    split: str | None = None
-    """Of a file of plays only those of games of this split."""
+    what: Annotated[
+        tyro.conf.Positional[str],
+        option(
+            "WHAT",
+            "A game or a scene file: it is played under --plan. A split or all: a sheet of start positions. "
+            "A file of plays, a run folder or best (the best known plans): a sheet of final positions, "
+            "or with --game the plays of that game side by side.",
+        ),
+    ]
+    out: Annotated[Path, option("FILE", "The file to write: .png, .gif or .mp4.", aliases=("-o",))]
+    plan: Plan = ()
+    game: Annotated[str | None, option("GAME", "Draw only plays of this game, side by side.", "all games")] = None
+    split: Annotated[str | None, option("SPLIT", "Draw only plays of games of this split.", "all splits")] = None
     fps: int = 60
     """Physics steps a second."""
     rule: Rule = "simulate"
-    """How seconds become steps, as for `iphyre-jax simulate`."""
+    """How seconds become steps; see "iphyre-jax simulate --help"."""
     resets: int = 1
-    """Number of the reset of a reused space."""
+    """Number of the reset in a reused physics space; 1 is a fresh space."""
     dtype: Literal["float64", "float32"] = "float64"
-    """Of the physics."""
+    """Number type of the physics."""
     theme: Literal["modern", "dark", "official"] = "modern"
     """Colours."""
-    size: int | None = None
-    """Side of one picture, px; 600, or 150 on a sheet."""
+    size: Annotated[int | None, option("PX", "Side of one picture.", f"{PICTURE_SIZE}, on a sheet {SHEET_SIZE}")] = None
     trails: bool = False
-    """Show where the balls have been."""
+    """Show the paths of the balls."""
     captions: bool = True
-    """Show title, time and outcome above the picture."""
+    """Show title, time and result above the picture."""
     fade: float = 0.4
     """Seconds in which a removed block fades."""
-    frame: int | None = None
-    """The frame that a PNG shows, counted from the end if negative; the last, or the first of start scenes."""
+    frame: Annotated[
+        int | None, option("FRAME", "The frame that a picture shows; -1 is the last.", "last; on a sheet of starts 0")
+    ] = None
     columns: int = 8
     """Pictures in a row of a sheet."""
     hold: float = 1.0
-    """Seconds that a film shows the end."""
+    """Seconds that a film shows the last frame."""
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Write a page that plays any number of plays, one HTML file without network."""
+    """Write a web page that replays plays: one HTML file that needs no network."""
 
-    sources: tyro.conf.Positional[tuple[str, ...]]
-    """Files of plays (JSON lines), run folders, or "best" for the best plans known."""
-    out: Out = Path("replay.html")
-    """The page."""
-    games: tuple[str, ...] = ()
-    """Only plays of these scenes."""
-    title: str = "I-PHYRE replay"
-    """Of the page."""
+    sources: Annotated[
+        tyro.conf.Positional[tuple[str, ...]],
+        option("SOURCE ...", "Files of plays (JSON lines), run folders, or best (the best known plans).", ""),
+    ]
+    out: Annotated[Path, option("FILE", "The page to write.", aliases=("-o",))] = Path("replay.html")
+    games: Annotated[tuple[str, ...], option("GAME ...", "Show only plays of these games.", "all games")] = ()
+    title: Annotated[str, option("TEXT", "Title of the page.")] = "I-PHYRE replay"
 
 
 @dataclass(frozen=True)
 class PlayPage:
-    """Serve a page on this machine on which a person plays the games and draws scenes."""
+    """Play the games in the browser, draw scenes and compare attempts. The page is served on this machine only."""
 
-    attempts: Path = Path("attempts.jsonl")
-    """File of plays that each attempt is added to."""
-    agents: tuple[str, ...] = ()
-    """Files of plays and run folders to compare with."""
-    scenes: tuple[Path, ...] = ()
-    """Scene files to play beside the games of the package."""
-    name: str = "you"
-    """Of the person, as it stands in the file."""
-    port: int = 0
-    """0 for any that is free."""
+    attempts: Annotated[Path, option("FILE", "File of plays to which each attempt is added.")] = Path("attempts.jsonl")
+    agents: Annotated[
+        tuple[str, ...], option("SOURCE ...", "Files of plays and run folders to compare with.", "the best known plans")
+    ] = ()
+    scenes: Annotated[tuple[Path, ...], option("FILE ...", "Scene files to play besides the games.", "none")] = ()
+    name: Annotated[str, option("NAME", "Your name in the file of attempts.")] = "you"
+    port: Annotated[int, option("PORT", "Port of the page.", "any free port")] = 0
     open: bool = False
     """Open the page in the browser."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Replay a file of plays and print each agent's scores by game, beside those of people."""
+
+    plays: Annotated[tyro.conf.Positional[Path], option("FILE", "The file of plays (JSON lines).")]
 
 
 def render(command: Render, console: Console) -> None:
@@ -118,44 +130,34 @@ def render(command: Render, console: Console) -> None:
     from iphyre_jax.viewer.films import save, save_picture
     from iphyre_jax.viewer.sheets import contact_sheet, start_of
 
-    what = command.what
+    what, frame = command.what, -1 if command.frame is None else command.frame
     starts = GAMES if what == "all" else SPLITS.get(what)
     if starts is not None:
         plays = [start_of(load_scene(game)) for game in starts]
-        save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=0, look=_look(command, 150)))
+        sheet = contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, SHEET_SIZE))
+        save_picture(command.out, sheet)
     elif what == BEST or what.endswith(".jsonl") or Path(what).is_dir():
         chosen = [play for play in load_plays(what) if command.game in (None, play.scene.name)]
         chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
         if not chosen:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
             raise ValueError(f"game: expected one that {what} has plays of, got {asked}")
-        frame = -1 if command.frame is None else command.frame
         if command.game is None:
-            sheet = contact_sheet(
-                [play.record() for play in chosen], columns=command.columns, frame=frame, look=_look(command, 150)
-            )
-            save_picture(command.out, sheet)
+            plays, look = [play.record() for play in chosen], _frame_look(command, SHEET_SIZE)
+            save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=frame, look=look))
         else:
-            side, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
-            save(command.out, side, _look(command, 600), titles, frame=frame, hold=command.hold)
+            plays, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
+            save(command.out, plays, _frame_look(command, PICTURE_SIZE), titles, frame=frame, hold=command.hold)
     else:
-        play = _planned(command, load_scene(what))
-        frame = -1 if command.frame is None else command.frame
-        save(command.out, play, _look(command, 600), frame=frame, hold=command.hold)
+        play = _record_plan(command, load_scene(what))
+        save(command.out, play, _frame_look(command, PICTURE_SIZE), frame=frame, hold=command.hold)
         state = "solved" if play.success else "not solved"
-        console.print(
-            f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
-    console.print(
-        f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB", markup=False, highlight=False, soft_wrap=True
-    )
+        say(console, f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}")
+    say(console, f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB")
 
 
-def _look(command: Render, size: int) -> Look:
-    """Return how the frames are to look."""
+def _frame_look(command: Render, size: int) -> Look:
+    """Return the look of the frames; `size` is used if the command sets none."""
     from iphyre_jax.viewer.frames import Look
 
     return Look(
@@ -167,31 +169,10 @@ def _look(command: Render, size: int) -> Look:
     )
 
 
-def _planned(command: Render, scene: Scene) -> Recording:
-    """Return the play of a scene under the command's plan."""
-    times = seconds_of(command.plan, scene)
-    steps = plan_to_steps(times, command.fps, command.rule)[0]
+def _record_plan(command: Render, scene: Scene) -> Recording:
+    """Play a scene under the command's plan."""
+    steps = plan_to_steps(parse_plan(command.plan, scene), command.fps, command.rule)[0]
     return record(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
-
-
-def seconds_of(words: Sequence[str], scene: Scene) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return a plan in words as seconds, (1, S), one for each eliminable block, NaN for one that stays.
-
-    Raises:
-        ValueError: one line; a word is no time, or there are too many.
-    """
-    blocks = len(scene.eliminable_blocks)
-    if len(words) > blocks:
-        raise ValueError(
-            f"plan: expected at most {blocks} times, one for each eliminable block of {scene.name}, got {len(words)}"
-        )
-    seconds = np.full((1, blocks), np.nan)
-    for k, word in enumerate(words):
-        try:
-            seconds[0, k] = np.nan if word in NEVER_WORDS else float(word)
-        except ValueError:
-            raise ValueError(f"plan: expected seconds or never, got {word!r}") from None
-    return seconds
 
 
 def replay(command: Replay, console: Console) -> None:
@@ -205,9 +186,8 @@ def replay(command: Replay, console: Console) -> None:
     with console.status(f"playing {len(chosen)} plans"):
         changed = write_replay(command.out, chosen, title=command.title)
     for line in changed:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    size = command.out.stat().st_size / 1000
-    console.print(f"{command.out}: {len(chosen)} plays, {size:.0f} kB", markup=False, highlight=False, soft_wrap=True)
+        say(console, line)
+    say(console, f"{command.out}: {len(chosen)} plays, {command.out.stat().st_size / 1000:.0f} kB")
 
 
 def play(command: PlayPage, console: Console) -> None:
@@ -220,41 +200,37 @@ def play(command: PlayPage, console: Console) -> None:
         raise ValueError(f"name: expected a text of 1 to {MAX_NAME} printable characters, got {show(command.name)}")
     if not command.attempts.parent.is_dir():
         raise ValueError(f"{command.attempts}: expected a file in a folder that exists")
-    session = Session(command.attempts, command.name)
-    with PlayServer(Api(session, agents, scenes), secrets.token_urlsafe(24), command.port) as server:
-        console.print(f"Play at {server.address}", markup=False, highlight=False, soft_wrap=True)
-        console.print(
-            f"Attempts are added to {command.attempts}; Ctrl-C ends.", markup=False, highlight=False, soft_wrap=True
-        )
+    api = Api(Session(command.attempts, command.name), agents, scenes)
+    try:
+        server = PlayServer(api, secrets.token_urlsafe(24), command.port)
+    except OSError as error:
+        raise OSError(f"port: expected a free port, got {command.port}: {error.strerror}") from None
+    with server:
+        say(console, f"Play at {server.address}")
+        say(console, f"Attempts are added to {command.attempts}. Ctrl-C ends the game.")
         if command.open:
             webbrowser.open(server.address)
         server.serve_forever()
 
 
 def evaluate_plays(path: Path, console: Console) -> None:
-    """`iphyre-jax evaluate` of a file of plays: play all again, and print what each agent attained in each game.
+    """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 
-    Tables never mix frame rates. The best of the first five attempts stands beside the people of the paper.
+    Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
     """
     groups: dict[tuple[int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
-    plays = load_plays(path)
-    for entry in plays:
+    for entry in load_plays(path):
         recording = entry.record()
         groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
-        if told := entry.differs(recording):
-            console.print(
-                f"{entry.agent}, {entry.scene.name}: the file says {told}",
-                markup=False,
-                highlight=False,
-                soft_wrap=True,
-            )
+        if difference := entry.difference(recording):
+            say(console, f"{entry.agent}, {entry.scene.name}: the file says {difference}")
     for (fps, agent), games in sorted(groups.items(), key=lambda group: group[0]):
-        console.print(f"{agent} at {fps} steps a second", markup=False, highlight=False, soft_wrap=True)
-        console.print(_table(games, fps))
+        say(console, f"{agent} at {fps} steps a second")
+        console.print(_score_table(games, fps))
 
 
-def _table(games: dict[Scene, list[float]], fps: int) -> Table:
-    """Return the attempts of one agent at one rate, by game."""
+def _score_table(games: dict[Scene, list[float]], fps: int) -> Table:
+    """Return a table of one agent's attempts at one frame rate, a row for each game."""
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column("game", no_wrap=True)
     for title in ("attempts", "solved", f"best of first {ATTEMPTS}", "people (paper)"):

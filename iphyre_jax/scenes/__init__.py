@@ -1,6 +1,8 @@
-"""Scenes: the games of the package and scene files from outside, validated."""
+"""Scenes: the games of the package, and scene files, read and validated."""
 
-from iphyre_jax.scenes.builder import Part, SceneBuilder
+import warnings
+
+from iphyre_jax.scenes.builder import ObjectRef, SceneBuilder
 from iphyre_jax.scenes.codec import SCENE_SCHEMA, SCENE_VERSION, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.files import read_scene, write_scene
 from iphyre_jax.scenes.json_schema import scene_json_schema
@@ -17,7 +19,7 @@ __all__ = [
     "SCENE_VERSION",
     "SPLITS",
     "Limits",
-    "Part",
+    "ObjectRef",
     "Scene",
     "SceneBuilder",
     "SceneLike",
@@ -31,3 +33,11 @@ __all__ = [
     "vary",
     "write_scene",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Serve the old name of `ObjectRef` for one version."""
+    if name != "Part":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn("iphyre_jax.scenes.Part is now called ObjectRef", DeprecationWarning, stacklevel=2)
+    return ObjectRef

@@ -1,4 +1,4 @@
-"""Scenes from Python, object by object."""
+"""Build scenes in Python, object by object."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from iphyre_jax.scenes.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """A block or ball of a builder, to tie joints and springs to."""
+class ObjectRef:
+    """A block or ball of a builder; `SceneBuilder.joint` and `spring` take two of them."""
 
     is_ball: bool
-    place: int  # among the builder's blocks, or among its balls
+    index: int  # among the builder's blocks, or among its balls
 
 
 class SceneBuilder:
-    """Collects the objects of a scene; `build` checks them all.
+    """Collect the objects of a scene; `build` checks them and returns the scene.
 
         builder = SceneBuilder("two shelves")
         upper = builder.block((200, 400), (300, 400), eliminable=True)
@@ -27,19 +27,19 @@ class SceneBuilder:
         builder.joint(upper, ball)
         scene = builder.build()
 
-    Lengths are px; x points right, y down; the picture goes from 0 to 600 in both.
+    Lengths are in px. x points right and y points down. The picture covers 0 to 600 in both.
 
     Args:
-        name: of the scene.
-        limits: how large it may be.
+        name: the name of the scene.
+        limits: how many objects it may have.
     """
 
     def __init__(self, name: str, limits: Limits = OFFICIAL) -> None:
         self.name, self.limits = name, limits
         self._blocks: list[tuple[tuple[float, float], tuple[float, float], bool, bool]] = []
         self._balls: list[tuple[float, float, float]] = []
-        self._joints: list[tuple[Part, Part]] = []
-        self._springs: list[tuple[Part, Part]] = []
+        self._joints: list[tuple[ObjectRef, ObjectRef]] = []
+        self._springs: list[tuple[ObjectRef, ObjectRef]] = []
 
     def block(
         self,
@@ -48,37 +48,37 @@ class SceneBuilder:
         *,
         eliminable: bool = False,
         dynamic: bool = False,
-    ) -> Part:
-        """Add a block, a bar of radius 10 px between two points.
+    ) -> ObjectRef:
+        """Add a block: a bar with a radius of 10 px between two points.
 
         Args:
-            start: x, y of one end of its axis.
-            end: of the other.
-            eliminable: the player can remove it.
-            dynamic: it moves.
+            start: x, y of one end of its axis, px.
+            end: x, y of the other end, px.
+            eliminable: whether the player can remove it.
+            dynamic: whether it moves.
         """
         self._blocks.append((start, end, eliminable, dynamic))
-        return Part(False, len(self._blocks) - 1)
+        return ObjectRef(False, len(self._blocks) - 1)
 
-    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> Part:
+    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> ObjectRef:
         """Add a ball."""
         x, y = centre
         self._balls.append((x, y, radius))
-        return Part(True, len(self._balls) - 1)
+        return ObjectRef(True, len(self._balls) - 1)
 
-    def joint(self, first: Part, second: Part) -> None:
-        """Hold the centres of two objects at the distance they have at the start."""
+    def joint(self, first: ObjectRef, second: ObjectRef) -> None:
+        """Keep the centres of two objects at their initial distance."""
         self._joints.append((first, second))
 
-    def spring(self, first: Part, second: Part) -> None:
-        """Tie the centres of two objects with a spring of a rest length of 20 px."""
+    def spring(self, first: ObjectRef, second: ObjectRef) -> None:
+        """Connect the centres of two objects by a spring with a rest length of 20 px."""
         self._springs.append((first, second))
 
     def build(self) -> Scene:
         """Return the scene.
 
         Raises:
-            ValueError: it is not valid; one line for each wrong field.
+            ValueError: the scene is not valid; one line for each wrong field.
         """
         flags = [(eliminable, dynamic) for _, _, eliminable, dynamic in self._blocks]
         flags += [(False, True)] * len(self._balls)
@@ -93,9 +93,9 @@ class SceneBuilder:
             limits=self.limits,
         )
 
-    def _pairs(self, parts: list[tuple[Part, Part]]) -> tuple[tuple[int, int], ...]:
-        """Return object indices: blocks come first, then balls."""
-        return tuple((self._index(first), self._index(second)) for first, second in parts)
+    def _pairs(self, pairs: list[tuple[ObjectRef, ObjectRef]]) -> tuple[tuple[int, int], ...]:
+        """Return pairs of object indices; blocks count before balls."""
+        return tuple((self._index(first), self._index(second)) for first, second in pairs)
 
-    def _index(self, part: Part) -> int:
-        return part.place + len(self._blocks) * part.is_ball
+    def _index(self, ref: ObjectRef) -> int:
+        return ref.index + len(self._blocks) * ref.is_ball

@@ -1,12 +1,12 @@
-"""Scenes from and to the contents of a scene file: a JSON object with a schema and a version.
+"""Convert scenes to and from the contents of a scene file, a JSON object with a schema and a version.
 
 {"schema": "iphyre_jax/scene", "version": 1, "name": "support",
  "block": [[[200, 400], [300, 400]], [[200, 500], [300, 500]]],   end points of each bar, px, y down
  "ball": [[250, 340, 20]],                                        x, y and radius of each ball, px
- "eli": [1, 1, 0],                                                one flag for each block, then for each ball
- "dynamic": [0, 0, 1],                                            the same
- "joint": [], "spring": [],                                       pairs of indices into blocks then balls; optional
- "limits": {"objects": 20, "blocks": 10}}                         optional, for more than 12 objects or 6 eliminable
+ "eli": [1, 1, 0],                                                can be removed: a flag for each block, then ball
+ "dynamic": [0, 0, 1],                                            moves: a flag for each block, then ball
+ "joint": [], "spring": [],                                       optional; pairs of object indices, blocks first
+ "limits": {"objects": 20, "blocks": 10}}                         optional; for more than 12 objects or 6 eliminable
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from difflib import get_close_matches
 from typing import Final
 
 from iphyre_jax.checks import one_line, show
-from iphyre_jax.scenes.errors import refuse
+from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
 from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED
 from iphyre_jax.scenes.scene import Scene
@@ -31,9 +31,9 @@ def scene_from_dict(data: object, source: str = "scene", limits: Limits | None =
     """Build a scene from the contents of a scene file.
 
     Args:
-        data: the parsed JSON object; see the module's text.
-        source: the file or argument that a message names.
-        limits: of the scene, in place of those that the contents state.
+        data: the parsed JSON object; the docstring of this module shows its fields.
+        source: the file or argument that error messages name.
+        limits: of the scene; they replace those in the contents.
 
     Returns:
         The scene.
@@ -46,12 +46,12 @@ def scene_from_dict(data: object, source: str = "scene", limits: Limits | None =
 
 
 def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits | None = None) -> Scene:
-    """Build a scene from its name and geometric fields, whatever they were wrapped in.
+    """Build a scene from its name and geometry, without schema and version.
 
     Args:
-        fields: `name`, `block`, `ball`, `eli`, `dynamic`, and `joint`, `spring` and `limits` if there are any.
-        source: the file or argument that a message names.
-        limits: of the scene, in place of those that the contents state.
+        fields: `name`, `block`, `ball`, `eli`, `dynamic` and optionally `joint`, `spring` and `limits`.
+        source: the file or argument that error messages name.
+        limits: of the scene; they replace those in the contents.
 
     Returns:
         The scene.
@@ -59,27 +59,27 @@ def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits 
     Raises:
         ValueError: fields are wrong; one line for each.
     """
-    draft = check_scene(fields, source, limits=limits)
+    raw = check_scene(fields, source, limits=limits)
     return Scene(
-        name=draft.name,
-        blocks=draft.bars,  # type: ignore[arg-type]  # lists become arrays there
-        balls=draft.balls,  # type: ignore[arg-type]
-        eliminable=draft.eliminable,  # type: ignore[arg-type]
-        dynamic=draft.dynamic,  # type: ignore[arg-type]
-        joints=tuple(draft.joints),
-        springs=tuple(draft.springs),
-        limits=draft.limits,
+        name=raw.name,
+        blocks=raw.bars,  # type: ignore[arg-type]  # Scene turns lists into arrays
+        balls=raw.balls,  # type: ignore[arg-type]
+        eliminable=raw.eliminable,  # type: ignore[arg-type]
+        dynamic=raw.dynamic,  # type: ignore[arg-type]
+        joints=tuple(raw.joints),
+        springs=tuple(raw.springs),
+        limits=raw.limits,
     )
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:
-    """Write a scene as the contents of a scene file, plain numbers and lists; `scene_from_dict` reads it back.
+    """Return a scene as the contents of a scene file: plain numbers and lists. `scene_from_dict` reads them back.
 
     Args:
         scene: any scene.
 
     Returns:
-        All fields of a scene file, in its order; the limits only if they are not the official ones.
+        All fields of a scene file in order; `limits` only if they are not the official ones.
     """
     limits = {} if scene.limits == OFFICIAL else {"limits": asdict(scene.limits)}
     return {
@@ -97,20 +97,20 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
 
 
 def check_object(data: object, source: str, schema: str, version: int, fields: Iterable[str]) -> Mapping[str, object]:
-    """See that the contents of a file are an object of the right schema and version without foreign fields.
+    """Check that the contents of a file are an object with the right schema and version and no unknown fields.
 
     Args:
         data: the parsed JSON value.
-        source: the file or argument that a message names.
-        schema: the schema to expect.
-        version: the version to expect.
-        fields: every field that may occur.
+        source: the file or argument that error messages name.
+        schema: the expected schema.
+        version: the expected version.
+        fields: all allowed fields.
 
     Returns:
         The data.
 
     Raises:
-        ValueError: it is something else; one line for each wrong field.
+        ValueError: one line for each wrong field.
     """
     known = tuple(fields)
     if not isinstance(data, Mapping):
@@ -121,13 +121,13 @@ def check_object(data: object, source: str, schema: str, version: int, fields: I
     elif type(data.get("version")) is not int or data["version"] != version:
         problems.append(f"version: expected {version}, got {show(data.get('version'))}")
     else:
-        problems.extend(_foreign(key, known) for key in data if key not in known)
-    refuse(source, problems)
+        problems.extend(_unknown_field(key, known) for key in data if key not in known)
+    raise_problems(source, problems)
     return data
 
 
-def _foreign(key: object, known: tuple[str, ...]) -> str:
-    """Tell a field that does not belong, and the known one that may be meant."""
+def _unknown_field(key: object, known: tuple[str, ...]) -> str:
+    """Describe an unknown field and suggest the most similar known one."""
     close = get_close_matches(str(key)[:100], known, n=1)
     hint = f" (did you mean {close[0]}?)" if close else f" (known are {', '.join(known)})"
     return f"{show(key)}: expected no such field{hint}"

@@ -5,18 +5,18 @@ from typing import Final
 
 from iphyre_jax.checks import one_line
 
-MAX_LINES: Final = 20  # wrong fields that one error tells in full
+MAX_LINES: Final = 20  # wrong fields that one error lists
 
 
-def refuse(source: str, problems: Sequence[str]) -> None:
-    """Raise what was found, if anything.
+def raise_problems(source: str, problems: Sequence[str]) -> None:
+    """Raise an error if there are problems.
 
     Args:
-        source: the file or argument that is at fault.
+        source: the wrong file or argument.
         problems: "field: expected ..., got ..." for each wrong field.
 
     Raises:
-        ValueError: there are problems; one line for each (after 20, their number), each beginning with the source.
+        ValueError: one line for each of the first 20 problems, which begins with the source, and a count of the others.
     """
     if not problems:
         return

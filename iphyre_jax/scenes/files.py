@@ -1,4 +1,4 @@
-"""Scene files: strict JSON from disk, with every way to fail told in one line that names the file."""
+"""Scene files: strict JSON on disk. Every error is one line that names the file."""
 
 import json
 import os
@@ -13,11 +13,11 @@ from iphyre_jax.scenes.scene import Scene
 
 
 def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Scene:
-    """Read and validate a scene file (see `iphyre_jax.scenes.codec` for its form).
+    """Read and validate a scene file; `iphyre_jax.scenes.codec` describes the format.
 
     Args:
         path: the file.
-        limits: of the scene, in place of those that the file states.
+        limits: of the scene; they replace those in the file.
 
     Returns:
         The scene.
@@ -25,18 +25,18 @@ def read_scene(path: str | os.PathLike[str], limits: Limits | None = None) -> Sc
     Raises:
         FileNotFoundError: there is no such file.
         OSError: it cannot be read, or is a folder or a device.
-        ValueError: its contents are wrong; one line for each wrong field.
+        ValueError: the contents are wrong; one line for each wrong field.
     """
     source = str(path)
     return scene_from_dict(parse_json(_read_bytes(Path(path)), source), source, limits)
 
 
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
-    """Write a scene file that `read_scene` reads back to an equal scene; a file that stands there is replaced whole.
+    """Write a scene file, which `read_scene` reads back as an equal scene. An existing file is replaced as a whole.
 
     Args:
         scene: any scene.
-        path: where to; its folder must exist.
+        path: the file; its folder must exist.
 
     Raises:
         OSError: the file cannot be written.
@@ -45,13 +45,13 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 
 
 def scene_text(scene: Scene) -> str:
-    """Return the contents of a scene's file, a field a line."""
+    """Return the contents of a scene file, one field per line."""
     fields = ",\n".join(f' "{key}": {json.dumps(value)}' for key, value in scene_to_dict(scene).items())
     return f"{{\n{fields}\n}}\n"
 
 
 def _read_bytes(path: Path) -> bytes:
-    """Read a regular file, not more than a byte beyond the allowed size."""
+    """Read a regular file, at most one byte more than the allowed size."""
     name = one_line(str(path))
     try:
         if path.is_dir():
@@ -63,13 +63,13 @@ def _read_bytes(path: Path) -> bytes:
     except FileNotFoundError:
         raise FileNotFoundError(f"{name}: expected a scene file, but there is none") from None
     except OSError as error:
-        _tell_unreadable(name, error)
+        _raise_unreadable(name, error)
     except ValueError:
         raise ValueError(f"{name}: expected the path of a scene file, got a text with a null byte") from None
 
 
-def _tell_unreadable(name: str, error: OSError) -> NoReturn:
-    """Pass on an error of the operating system in one line; one that already names the file stays as it is."""
+def _raise_unreadable(name: str, error: OSError) -> NoReturn:
+    """Raise an error of the operating system as one line; an error that names the file already is not changed."""
     if error.errno is None:
         raise error
     raise type(error)(f"{name}: expected a scene file that can be read, got: {error.strerror}") from None

@@ -1,7 +1,7 @@
-"""Where the objects of scenes are: gaps between them and what sticks out of the picture, for many layouts at once.
+"""Gaps between objects, and how far objects stick out of the picture, for many layouts at once.
 
-A layout is a pair of arrays, bars (B, n, 2, 2) with end points and balls (B, m, 3) with x, y and radius, px. Objects
-are the bars, then the balls; each is what lies within its radius of a line between two points.
+A layout is a pair of arrays, px: bars (B, n, 2, 2), end points, and balls (B, m, 3), x, y and radius. Objects are the
+bars, then the balls. An object covers all points within its radius of its segment. The segment of a ball is a point.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from iphyre_jax.scenes.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
-TOLERANCE: Final = 1e-6  # px; objects that lie on each other touch within rounding
+TOLERANCE: Final = 1e-6  # px; resting objects touch up to rounding
 
 
 class Layouts(NamedTuple):
@@ -29,24 +29,24 @@ class Layouts(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, count: int = 1) -> Layouts:
-        """Return a scene's layout, `count` times."""
+        """Return `count` copies of a scene's layout."""
         return cls(np.repeat(scene.blocks[None], count, axis=0), np.repeat(scene.balls[None], count, axis=0))
 
     def ends(self) -> Floats:
-        """Return the ends of all objects' lines, (B, N, 2, 2) px; a ball's are its centre."""
+        """Return the segment ends of all objects, (B, N, 2, 2) px; both ends of a ball are its centre."""
         return np.concatenate([self.bars, np.repeat(self.balls[:, :, None, :2], 2, axis=2)], axis=1)
 
     def radii(self) -> Floats:
-        """Return all objects' radii, (B, N) px."""
+        """Return the radii of all objects, (B, N) px."""
         return np.concatenate([np.full(self.bars.shape[:2], BAR_RADIUS), self.balls[:, :, 2]], axis=1)
 
 
 def gaps(layouts: Layouts) -> Floats:
-    """Return the way between each two objects, (B, N, N) px: 0 if they touch, below if they overlap, inf for itself."""
+    """Return the gap between every two objects, (B, N, N) px: negative if they overlap, inf on the diagonal."""
     ends, radii = layouts.ends(), layouts.radii()
     first, second = ends[:, :, None], ends[:, None, :]
-    apart = np.minimum(_to_line(first, second), _to_line(second, first))
-    apart = np.where(_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
+    apart = np.minimum(_distances_to_segment(first, second), _distances_to_segment(second, first))
+    apart = np.where(_segments_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
     own = np.eye(ends.shape[1], dtype=bool)
     return np.where(own, np.inf, apart)
 
@@ -59,8 +59,8 @@ def outside(layouts: Layouts) -> Floats:
     return np.maximum(np.maximum(low, high).max(axis=2), 0.0)
 
 
-def remarks(scene: Scene) -> list[str]:
-    """Say what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
+def scene_warnings(scene: Scene) -> list[str]:
+    """List what is unusual about a valid scene: objects that overlap at the start or stick out of the picture.
 
     Returns:
         One line for each, "field[i]: ...".
@@ -78,8 +78,8 @@ def remarks(scene: Scene) -> list[str]:
     return [one_line(line) for line in lines]
 
 
-def _to_line(lines: Floats, points: Floats) -> Floats:
-    """Return the least distance of the two ends of `points` (..., 2, 2) from the lines (..., 2, 2)."""
+def _distances_to_segment(lines: Floats, points: Floats) -> Floats:
+    """Return the smaller distance of two points (..., 2, 2) to a segment (..., 2, 2)."""
     start, way = lines[..., 0, :], lines[..., 1, :] - lines[..., 0, :]
     size = (way * way).sum(-1)
     away = points - start[..., None, :]
@@ -88,15 +88,15 @@ def _to_line(lines: Floats, points: Floats) -> Floats:
     return np.asarray(np.sqrt((rest * rest).sum(-1)).min(-1))
 
 
-def _cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
-    """Return whether lines (..., 2, 2) cross."""
+def _segments_cross(first: Floats, second: Floats) -> npt.NDArray[np.bool_]:
+    """Return whether two segments (..., 2, 2) cross."""
     a, b = first[..., 1, :] - first[..., 0, :], second[..., 1, :] - second[..., 0, :]
     between = second[..., 0, :] - first[..., 0, :]
-    turn = _turn(a, b)
+    turn = _cross_product(a, b)
     safe = np.where(turn == 0, 1.0, turn)
-    t, u = _turn(between, b) / safe, _turn(between, a) / safe
+    t, u = _cross_product(between, b) / safe, _cross_product(between, a) / safe
     return np.asarray((turn != 0) & (t >= 0) & (t <= 1) & (u >= 0) & (u <= 1))
 
 
-def _turn(a: Floats, b: Floats) -> Floats:
+def _cross_product(a: Floats, b: Floats) -> Floats:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -1,4 +1,4 @@
-"""The games of the package, and the one door through which every scene comes in."""
+"""The games of the package, and `load_scene`, which loads every kind of scene."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -25,22 +25,22 @@ _LIBRARY_FIELDS: Final = ("schema", "version", "source", "conventions", "splits"
 
 
 @cache
-def _library() -> Mapping[str, object]:
-    """Read the package's data file, once."""
+def _read_library() -> Mapping[str, object]:
+    """Read the data file of the package, once."""
     content = files(__package__).joinpath(_LIBRARY).read_bytes()
     return check_object(parse_json(content, _LIBRARY), _LIBRARY, LIBRARY_SCHEMA, LIBRARY_VERSION, _LIBRARY_FIELDS)
 
 
-def _splits() -> Mapping[str, tuple[str, ...]]:
-    splits = cast(Mapping[str, list[str]], _library()["splits"])
+def _read_splits() -> Mapping[str, tuple[str, ...]]:
+    splits = cast(Mapping[str, list[str]], _read_library()["splits"])
     return MappingProxyType({split: tuple(games) for split, games in splits.items()})
 
 
-SPLITS: Final = _splits()
-"""The names of the games of each split, in the paper's order; unseen_basic is no part of the forty."""
+SPLITS: Final = _read_splits()
+"""Names of the games by split, in the order of the paper. The forty games do not include unseen_basic."""
 
 GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen_basic" for game in games)
-"""The names of the forty games, split by split."""
+"""Names of the forty games, split by split."""
 
 SceneLike = str | os.PathLike[str] | Scene
 """The name of a game, the path of a scene file, or a scene."""
@@ -49,9 +49,9 @@ _ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
 
 
 @cache
-def _game(name: str) -> Scene:
-    """Build a game of the package, once; a scene cannot be changed."""
-    games = cast(Mapping[str, Mapping[str, object]], _library()["games"])
+def _package_game(name: str) -> Scene:
+    """Build a game of the package, once. Scenes are immutable, so all callers can share it."""
+    games = cast(Mapping[str, Mapping[str, object]], _read_library()["games"])
     return scene_from_fields({"name": name, **games[name]}, f"{_LIBRARY}: {name}")
 
 
@@ -59,21 +59,21 @@ def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
     """Load a game of the package or a scene file.
 
     Args:
-        scene: the name of a game (of GAMES, or of the split unseen_basic), the path of a scene file, or a Scene, which
-            is returned as it is. A text is taken for a path if it is no game's name and ends in ".json", contains a
-            separator of folders, or names something that exists.
-        limits: of the scene, in place of its own: how large it may be, hence the shape of its observations and plans.
+        scene: the name of a game (of GAMES or of the split unseen_basic), the path of a scene file, or a Scene, which
+            is returned unchanged. A text that is not a game's name is a path if it ends in ".json", contains a path
+            separator, or names an existing file or folder.
+        limits: of the scene; they replace its own. They decide the shape of its observations and plans.
 
     Returns:
-        The scene, valid.
+        The valid scene.
 
     Raises:
         FileNotFoundError: there is no such file.
         OSError: the file cannot be read.
-        ValueError: there is no such game, or fields of the file are wrong; one line for each.
+        ValueError: there is no such game, or the file is wrong; one line for each wrong field.
     """
     if isinstance(scene, str) and scene in _ALL_GAMES:
-        scene = _game(scene)
+        scene = _package_game(scene)
     if isinstance(scene, Scene):
         return scene if limits in (None, scene.limits) else replace(scene, limits=limits)
     if isinstance(scene, str) and not _looks_like_path(scene):
@@ -84,14 +84,14 @@ def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
 
 
 def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ...]:
-    """Load names, files and scenes, at least one of them, all under the same limits.
+    """Load several scenes and give all of them the same limits.
 
     Args:
-        scenes: a sequence of what `load_scene` takes.
-        limits: of all of them; by default the least that allow what each one's own allow.
+        scenes: a sequence of at least one name, file or Scene, as `load_scene` takes them.
+        limits: of all scenes; by default the smallest that cover the limits of each.
 
     Raises:
-        ValueError: one line, for no sequence, an empty one or whatever `load_scene` refuses.
+        ValueError: `scenes` is not a sequence, is empty, or `load_scene` refuses an entry; one line for each problem.
         OSError: a scene file cannot be read.
     """
     if isinstance(scenes, str | os.PathLike | Scene) or not isinstance(scenes, Sequence) or not scenes:

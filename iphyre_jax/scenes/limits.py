@@ -1,4 +1,4 @@
-"""The bounds of a valid scene, each with its unit and its reason."""
+"""The limits of a valid scene, each with its unit and reason."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import Final
 
 MAX_OBJECTS: Final = 12  # rows of the official observation (IPHYREEnv.py)
 MAX_ELIMINABLE: Final = 6  # entries of the official plan (IPHYREEnv.py)
-MOST_OBJECTS: Final = 64  # of any scene: the solver's order of contacts counts up to 63 static bars
-MAX_MOVING: Final = 15  # bodies that the tag of a contact point can name
-MAX_COORDINATE: Final = 10_000.0  # px; the screen is 600 px, and float32 resolves hardly 0.001 px out there
-MIN_LENGTH: Final = 1e-3  # px; a shorter bar, radius or pin has no direction, or no moment, in float32
+MOST_OBJECTS: Final = 64  # of any scene; the contact order of the solver counts up to 63 static bars
+MAX_MOVING: Final = 15  # moving bodies that the tag of a contact point can name
+MAX_COORDINATE: Final = 10_000.0  # px; the screen has 600 px, and float32 resolves about 0.001 px at this distance
+MIN_LENGTH: Final = 1e-3  # px; in float32 a shorter bar, radius or pin has no direction or no moment
 MAX_NAME: Final = 100  # characters of a scene's name
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How many objects and eliminable blocks a scene may have: so many rows an observation has, and entries a plan.
+    """How many objects and eliminable blocks a scene may have: the rows of observations and the entries of plans.
 
     Attributes:
-        objects: blocks and balls, from 12, the official number, to 64; at most 15 of them may move.
-        blocks: eliminable blocks, from 6, the official number, to 64.
+        objects: blocks and balls, 12 (the official number) to 64; at most 15 of them may move.
+        blocks: eliminable blocks, 6 (the official number) to 64.
 
     Raises:
-        ValueError: a number is no such whole number; one line.
+        ValueError: a number is out of range or not whole; one line.
     """
 
     objects: int = MAX_OBJECTS
@@ -41,7 +41,7 @@ class Limits:
 
     @classmethod
     def covering(cls, many: Iterable[Limits]) -> Limits:
-        """Return the least limits that allow what each of at least one allows."""
+        """Return the smallest limits that cover all the given ones, at least one."""
         objects, blocks = zip(*((one.objects, one.blocks) for one in many), strict=True)
         return cls(max(objects), max(blocks))
 

@@ -1,6 +1,6 @@
-"""The form of each field of a scene by itself: types, lengths of rows, range of single numbers.
+"""Parse each field of a scene by itself: types, lengths of rows, ranges of numbers.
 
-What passes becomes a Draft of plain Python numbers; how the fields fit together is the matter of `validate`.
+The result is a RawScene of plain Python numbers. `validate` checks how the fields fit together.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,12 +21,12 @@ Row = TypeVar("Row")
 REQUIRED: Final = ("block", "ball", "eli", "dynamic")
 OPTIONAL: Final = ("joint", "spring")
 
-_LEVELS: Final = 4  # of the deepest field: bars, bar, end point, number
+_LEVELS: Final = 4  # of nesting in the deepest field: bars, bar, end point, number
 
 
 @dataclass(frozen=True)
-class Draft:
-    """A scene whose fields have the right form; its objects are the bars in order, then the balls."""
+class RawScene:
+    """A scene whose fields have the right types. Objects are the bars in order, then the balls."""
 
     name: str
     bars: list[Bar]  # end points, px
@@ -38,7 +38,7 @@ class Draft:
     limits: Limits
 
     def centre(self, index: int) -> Point:
-        """Tell where the body of an object stands, px."""
+        """Return the centre of an object, px."""
         if index >= len(self.bars):
             x, y, _ = self.balls[index - len(self.bars)]
             return x, y
@@ -46,44 +46,46 @@ class Draft:
         return (x1 + x2) / 2, (y1 + y2) / 2
 
 
-def read_draft(raw: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None) -> tuple[Draft, list[str]]:
-    """Read every field of a scene.
+def parse_scene(
+    fields: Mapping[str, object], labels: Mapping[str, str], limits: Limits | None
+) -> tuple[RawScene, list[str]]:
+    """Parse every field of a scene.
 
     Args:
-        raw: the name and the fields as numbers, text, lists and NumPy arrays; OPTIONAL ones may be missing.
-        labels: the name to tell each field by.
-        limits: of the scene, in place of its field "limits".
+        fields: numbers, text, lists and NumPy arrays by name; OPTIONAL ones may be missing.
+        labels: the name of each field in error messages.
+        limits: of the scene; they replace its field "limits".
 
     Returns:
-        The draft, and "field: expected ..., got ..." for each wrong field. A draft with wrong fields is not to be used:
-        it holds fillers in their places.
+        The scene, and "field: expected ..., got ..." for each wrong field. If there are wrong fields, do not use the
+        scene: it holds placeholders in their place.
     """
-    reader = _Reader()
+    parser = _FieldParser()
     for key in REQUIRED:
-        if key not in raw:
-            reader.problems.append(f"{labels[key]}: expected this field, but it is missing")
+        if key not in fields:
+            parser.problems.append(f"{labels[key]}: expected this field, but it is missing")
 
-    limits = reader.limits(raw.get("limits")) if limits is None else limits
+    limits = parser.limits(fields.get("limits")) if limits is None else limits
     objects, pairs = limits.objects, limits.objects * (limits.objects - 1) // 2
 
     def rows(key: str, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
-        return reader.rows(labels[key], _plain(raw.get(key, [])), form, read, most)
+        return parser.rows(labels[key], _plain(fields.get(key, [])), form, read, most)
 
-    draft = Draft(
-        name=reader.name(raw.get("name")),
-        bars=rows("block", "bars [[x1, y1], [x2, y2]]", reader.bar, objects),
-        balls=rows("ball", "balls [x, y, radius]", reader.ball, objects),
-        eliminable=rows("eli", "flags 0 or 1", reader.flag, 2 * objects),
-        dynamic=rows("dynamic", "flags 0 or 1", reader.flag, 2 * objects),
-        joints=rows("joint", "pairs [object, object]", reader.pair, pairs),
-        springs=rows("spring", "pairs [object, object]", reader.pair, pairs),
+    raw = RawScene(
+        name=parser.name(fields.get("name")),
+        bars=rows("block", "bars [[x1, y1], [x2, y2]]", parser.bar, objects),
+        balls=rows("ball", "balls [x, y, radius]", parser.ball, objects),
+        eliminable=rows("eli", "flags 0 or 1", parser.flag, 2 * objects),
+        dynamic=rows("dynamic", "flags 0 or 1", parser.flag, 2 * objects),
+        joints=rows("joint", "pairs [object, object]", parser.pair, pairs),
+        springs=rows("spring", "pairs [object, object]", parser.pair, pairs),
         limits=limits,
     )
-    return draft, reader.problems
+    return raw, parser.problems
 
 
 def _plain(value: object, levels: int = _LEVELS) -> object:
-    """Turn NumPy arrays and scalars, also those within lists, into Python's own; deeper levels are wrong anyway."""
+    """Turn NumPy arrays and scalars, also inside lists, into plain Python; deeper levels are wrong anyway."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)) and levels > 1:
@@ -91,27 +93,27 @@ def _plain(value: object, levels: int = _LEVELS) -> object:
     return value
 
 
-class _Reader:
-    """Reads one value after the other; a wrong value is told in `problems` and replaced by a filler."""
+class _FieldParser:
+    """Parse one value at a time. A wrong value is reported in `problems` and replaced by a placeholder."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
 
-    def tell(self, label: str, expected: str, value: object) -> None:
+    def report(self, label: str, expected: str, value: object) -> None:
         self.problems.append(f"{label}: expected {expected}, got {show(value)}")
 
     def name(self, value: object) -> str:
         if isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable() and value == value.strip():
             return value
-        self.tell("name", f"a text of 1 to {MAX_NAME} printable characters without blanks at its ends", value)
+        self.report("name", f"a text of 1 to {MAX_NAME} printable characters without blanks at its ends", value)
         return ""
 
     def limits(self, value: object) -> Limits:
-        """Read how large the scene says it may be; the official limits if it says nothing."""
+        """Parse the limits; without any, the official limits apply."""
         if value is None:
             return OFFICIAL
         if not isinstance(value, Mapping) or not set(value) <= {"objects", "blocks"}:
-            self.tell("limits", 'an object {"objects": ..., "blocks": ...}', value)
+            self.report("limits", 'an object {"objects": ..., "blocks": ...}', value)
             return OFFICIAL
         try:
             return Limits(**value)
@@ -121,13 +123,13 @@ class _Reader:
 
     def rows(self, label: str, value: object, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
         if not isinstance(value, (list, tuple)):
-            self.tell(label, f"a list of {form}", value)
+            self.report(label, f"a list of {form}", value)
             return []
         if len(value) > most:
-            self.tell(label, f"at most {most} entries", value)
+            self.report(label, f"at most {most} entries", value)
             return []
         if read != self.flag and value and not any(isinstance(entry, (list, tuple)) for entry in value):
-            self.tell(label, f"a list of {form}", value)  # most likely one row without its outer list: one mistake
+            self.report(label, f"a list of {form}", value)  # most likely one row without its outer list
             return []
         return [read(f"{label}[{i}]", entry) for i, entry in enumerate(value)]
 
@@ -149,28 +151,28 @@ class _Reader:
         return self.index(f"{label}[0]", a), self.index(f"{label}[1]", b)
 
     def entries(self, label: str, value: object, count: int, expected: str) -> list[object]:
-        """Read a list of `count` entries; empty where it is wrong."""
+        """Parse a list of `count` entries; return an empty list if it is wrong."""
         if isinstance(value, (list, tuple)) and len(value) == count:
             return list(value)
-        self.tell(label, expected, value)
+        self.report(label, expected, value)
         return []
 
     def number(self, label: str, value: object) -> float:
         if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= MAX_COORDINATE:
             return float(value)
-        self.tell(label, f"a finite number of px from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}", value)
+        self.report(label, f"a finite number of px from {-MAX_COORDINATE:g} to {MAX_COORDINATE:g}", value)
         return 0.0
 
     def index(self, label: str, value: object) -> int:
         if isinstance(value, int) and not isinstance(value, bool):
             return value
-        self.tell(label, "an object index (an integer)", value)
+        self.report(label, "an object index (an integer)", value)
         return 0
 
     def flag(self, label: str, value: object) -> bool:
         if isinstance(value, int) and not isinstance(value, bool) and value in (0, 1):
             return value == 1
-        self.tell(label, "0 or 1", value)
+        self.report(label, "0 or 1", value)
         return False
 
 

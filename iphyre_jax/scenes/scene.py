@@ -1,4 +1,4 @@
-"""The scene: what a game's file says, validated before it exists."""
+"""The class Scene, which validates its fields."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -22,21 +22,20 @@ _LABELS: Final[Labels] = {
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A start position of the game, checked and immutable.
+    """The start position of a game: valid and immutable.
 
-    Objects are the bars in list order, then the balls. Lengths are in px, y points down. Arrays may be given as nested
-    lists; they are copied, and the copies cannot be written to. Two scenes are equal if all their fields are, bit for
-    bit.
+    Objects are the bars in list order, then the balls. Lengths are in px; y points down. Arrays may be given as nested
+    lists; the scene keeps read-only copies. Two scenes are equal if all their fields are equal, bit for bit.
 
     Attributes:
-        name: the game's name.
+        name: the name of the game.
         blocks: (n_blocks, 2, 2) float64, the end points of the bars' axes; every bar has a radius of 10 px.
         balls: (n_balls, 3) float64, x, y and radius.
-        eliminable: (n_objects,) bool.
+        eliminable: (n_objects,) bool, whether the player can remove the object.
         dynamic: (n_objects,) bool, whether the object moves.
-        joints: pairs of object indices, each held by a pin joint from centre to centre.
-        springs: pairs of object indices, each held by a damped spring from centre to centre.
-        limits: how large the scene may be, hence the shape of its observations and plans.
+        joints: pairs of object indices; a pin joint connects their centres.
+        springs: pairs of object indices; a damped spring connects their centres.
+        limits: how many objects the scene may have; they decide the shape of its observations and plans.
 
     Raises:
         ValueError: fields are wrong; one line for each.
@@ -52,17 +51,17 @@ class Scene:
     limits: Limits = OFFICIAL
 
     def __post_init__(self) -> None:
-        """Check the fields and put them in their form."""
-        raw = {key: getattr(self, label) for key, label in _LABELS.items()}
-        flags = {key: _as_flags(raw[key]) for key in ("eli", "dynamic")}
-        draft = check_scene({"name": self.name} | raw | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
+        """Check the fields and convert them to arrays and tuples."""
+        given = {key: getattr(self, label) for key, label in _LABELS.items()}
+        flags = {key: _as_flags(given[key]) for key in ("eli", "dynamic")}
+        raw = check_scene({"name": self.name} | given | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
         fields = {
-            "blocks": _frozen(draft.bars, np.float64, (-1, 2, 2)),
-            "balls": _frozen(draft.balls, np.float64, (-1, 3)),
-            "eliminable": _frozen(draft.eliminable, np.bool_, (-1,)),
-            "dynamic": _frozen(draft.dynamic, np.bool_, (-1,)),
-            "joints": tuple(draft.joints),
-            "springs": tuple(draft.springs),
+            "blocks": _frozen(raw.bars, np.float64, (-1, 2, 2)),
+            "balls": _frozen(raw.balls, np.float64, (-1, 3)),
+            "eliminable": _frozen(raw.eliminable, np.bool_, (-1,)),
+            "dynamic": _frozen(raw.dynamic, np.bool_, (-1,)),
+            "joints": tuple(raw.joints),
+            "springs": tuple(raw.springs),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -84,7 +83,7 @@ class Scene:
 
     @property
     def eliminable_blocks(self) -> tuple[int, ...]:
-        """The object indices of the eliminable bars in list order: the columns of a plan."""
+        """Object indices of the eliminable bars in list order: the columns of a plan."""
         return tuple(int(i) for i in np.flatnonzero(self.eliminable))
 
     def _identity(self) -> tuple[object, ...]:
@@ -99,7 +98,7 @@ class Scene:
 
 
 def _as_flags(value: object) -> object:
-    """Write booleans as the 0 and 1 that a scene file has in their place."""
+    """Turn booleans into 0 and 1, as in a scene file."""
     entries = value.tolist() if isinstance(value, np.ndarray) else value
     if not isinstance(entries, (list, tuple)):
         return entries
@@ -107,7 +106,7 @@ def _as_flags(value: object) -> object:
 
 
 def _frozen(rows: object, dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[np.generic]:
-    """Make an array that cannot be written to."""
+    """Return a read-only array."""
     array = np.array(rows, dtype).reshape(shape)
     array.setflags(write=False)
     return array

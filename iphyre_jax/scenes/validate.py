@@ -1,91 +1,91 @@
-"""The rules of a valid scene; each wrong field is told in one line that names it and says what was expected.
+"""The rules of a valid scene. Each wrong field gets one line that names it and says what was expected.
 
-The rules come in layers (forms, sizes, flags, pairs). A layer is looked at only if those before it found nothing, so
-that one mistake is told once, where it stands, and later rules may rely on earlier ones.
+The rules come in layers: types, sizes, flags, pairs. A layer runs only if the layers before it found nothing. So each
+mistake is reported once, and later rules can rely on earlier ones.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from iphyre_jax.scenes.errors import refuse
+from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.limits import MAX_MOVING, MIN_LENGTH, Limits
-from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED, Draft, Pair, read_draft
+from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED, Pair, RawScene, parse_scene
 
 Labels = Mapping[str, str]
 
 FILE_LABELS: Final[Labels] = {key: key for key in REQUIRED + OPTIONAL}
-"""The fields of a scene file go by their own names."""
+"""For scene files, error messages use the names in the file."""
 
 
 def check_scene(
-    raw: Mapping[str, object], source: str, labels: Labels = FILE_LABELS, limits: Limits | None = None
-) -> Draft:
+    fields: Mapping[str, object], source: str, labels: Labels = FILE_LABELS, limits: Limits | None = None
+) -> RawScene:
     """Validate a scene in full.
 
     Args:
-        raw: `name`, `block`, `ball`, `eli`, `dynamic` and, if there are any, `joint`, `spring` and `limits`, as plain
+        fields: `name`, `block`, `ball`, `eli`, `dynamic` and optionally `joint`, `spring` and `limits`, as plain
             numbers, text, lists and objects.
-        source: the file or argument that a message names.
-        labels: the name to tell each field by.
-        limits: of the scene, in place of its field "limits".
+        source: the file or argument that error messages name.
+        labels: the name of each field in error messages.
+        limits: of the scene; they replace its field "limits".
 
     Returns:
-        The scene's fields, in their form and sound.
+        The parsed and valid fields.
 
     Raises:
         ValueError: fields are wrong; one line for each, "source: field: expected ..., got ...".
     """
-    draft, problems = read_draft(raw, labels, limits)
+    raw, problems = parse_scene(fields, labels, limits)
     for rules in (_sizes, _flags, _pairs):
-        refuse(source, problems)
-        problems = list(rules(draft, labels))
-    refuse(source, problems)
-    return draft
+        raise_problems(source, problems)
+        problems = list(rules(raw, labels))
+    raise_problems(source, problems)
+    return raw
 
 
-def _sizes(draft: Draft, labels: Labels) -> Iterator[str]:
-    """Count the objects and measure each."""
-    bars, balls = len(draft.bars), len(draft.balls)
+def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
+    """Check the number of objects and the size of each."""
+    bars, balls = len(raw.bars), len(raw.balls)
     if not balls:
         yield f"{labels['ball']}: expected at least one ball, got none"
-    if bars + balls > (most := draft.limits.objects):
+    if bars + balls > (most := raw.limits.objects):
         yield f"{labels['block']}: expected at most {most} objects, got {bars} blocks and {balls} balls"
-    for key, flags in (("eli", draft.eliminable), ("dynamic", draft.dynamic)):
+    for key, flags in (("eli", raw.eliminable), ("dynamic", raw.dynamic)):
         if len(flags) != bars + balls:
             wanted = f"{bars + balls} entries (one for each of {bars} blocks and {balls} balls)"
             yield f"{labels[key]}: expected {wanted}, got {len(flags)}"
-    for i, (start, end) in enumerate(draft.bars):
+    for i, (start, end) in enumerate(raw.bars):
         if (length := math.dist(start, end)) < MIN_LENGTH:
             yield f"{labels['block']}[{i}]: expected end points at least {MIN_LENGTH:g} px apart, got {length:g} px"
-    for i, (_, _, radius) in enumerate(draft.balls):
+    for i, (_, _, radius) in enumerate(raw.balls):
         if radius < MIN_LENGTH:
             yield f"{labels['ball']}[{i}][2]: expected a radius of at least {MIN_LENGTH:g} px, got {radius:g}"
 
 
-def _flags(draft: Draft, labels: Labels) -> Iterator[str]:
-    """See that balls move and stay in the game, and that only resting bars, and not too many, can be eliminated."""
-    for i, (eliminable, dynamic) in enumerate(zip(draft.eliminable, draft.dynamic, strict=True)):
-        is_ball = i >= len(draft.bars)
+def _flags(raw: RawScene, labels: Labels) -> Iterator[str]:
+    """Check that balls move and stay, and that only static bars, not too many, can be eliminated."""
+    for i, (eliminable, dynamic) in enumerate(zip(raw.eliminable, raw.dynamic, strict=True)):
+        is_ball = i >= len(raw.bars)
         if is_ball and eliminable:
             yield f"{labels['eli']}[{i}]: expected 0 (object {i} is a ball, which cannot be eliminated), got 1"
         if is_ball and not dynamic:
             yield f"{labels['dynamic']}[{i}]: expected 1 (object {i} is a ball, which always moves), got 0"
         if eliminable and dynamic and not is_ball:
             yield f"{labels['eli']}[{i}]: expected 0 (block {i} is dynamic; only a static one can be eliminated), got 1"
-    if (moving := sum(draft.dynamic)) > MAX_MOVING:
+    if (moving := sum(raw.dynamic)) > MAX_MOVING:
         yield f"{labels['dynamic']}: expected at most {MAX_MOVING} objects that move, got {moving}"
-    if (count := sum(draft.eliminable)) > (most := draft.limits.blocks):
+    if (count := sum(raw.eliminable)) > (most := raw.limits.blocks):
         yield f"{labels['eli']}: expected at most {most} eliminable blocks, got {count}"
 
 
-def _pairs(draft: Draft, labels: Labels) -> Iterator[str]:
-    """See that every joint and spring holds two different bodies of which one can move, and that no pair recurs."""
-    for key, pairs in (("joint", draft.joints), ("spring", draft.springs)):
+def _pairs(raw: RawScene, labels: Labels) -> Iterator[str]:
+    """Check that each joint and spring connects two different objects, one of which moves, and no pair twice."""
+    for key, pairs in (("joint", raw.joints), ("spring", raw.springs)):
         label = labels[key]
         first: dict[frozenset[int], int] = {}
         for i, pair in enumerate(pairs):
-            problem = _pair_problem(draft, pair, is_pin=key == "joint")
+            problem = _pair_problem(raw, pair, is_pin=key == "joint")
             if problem:
                 yield f"{label}[{i}]{problem}"
             elif frozenset(pair) in first:
@@ -94,18 +94,18 @@ def _pairs(draft: Draft, labels: Labels) -> Iterator[str]:
                 first[frozenset(pair)] = i
 
 
-def _pair_problem(draft: Draft, pair: Pair, is_pin: bool) -> str:
-    """Say what is wrong with one pair: the index within it, if any, and the rest of the line; empty if it is sound."""
-    last = len(draft.dynamic) - 1
+def _pair_problem(raw: RawScene, pair: Pair, is_pin: bool) -> str:
+    """Return the error of one pair, as the end of a line that begins with its name; empty if the pair is valid."""
+    last = len(raw.dynamic) - 1
     for i, index in enumerate(pair):
         if not 0 <= index <= last:
             return f"[{i}]: expected an object index from 0 to {last}, got {index}"
     a, b = pair
     if a == b:
         return f": expected two different objects, got {a} twice"
-    if not (draft.dynamic[a] or draft.dynamic[b]):
+    if not (raw.dynamic[a] or raw.dynamic[b]):
         return f": expected at least one object that moves, got the static blocks {a} and {b}"
-    if is_pin and (apart := math.dist(draft.centre(a), draft.centre(b))) < MIN_LENGTH:
-        # The direction of a pin joint is that from centre to centre.
+    if is_pin and (apart := math.dist(raw.centre(a), raw.centre(b))) < MIN_LENGTH:
+        # A pin joint acts from centre to centre; without a distance it has no direction.
         return f": expected two centres at least {MIN_LENGTH:g} px apart, got {apart:g} px between {a} and {b}"
     return ""

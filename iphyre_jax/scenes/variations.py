@@ -1,8 +1,7 @@
-"""Seeded variations of a scene: mirrored, shifted, scaled, block by block jittered, with blocks added.
+"""Seeded variations of a scene: mirrored, shifted, scaled, jittered, with extra blocks.
 
-The operations are pure functions of B layouts and arrays of B numbers; `vary` draws those numbers and sorts out what
-is no longer valid. A variation is refused, with a reason, if objects overlap that did not, or more than they did, or if
-one sticks out of the picture.
+The operations are pure functions of B layouts and B parameters. `vary` draws the parameters and refuses invalid
+results, with a reason: an object sticks out of the picture, or two objects overlap more than in the original.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ from iphyre_jax.scenes.geometry import TOLERANCE, Floats, Layouts, gaps, outside
 from iphyre_jax.scenes.limits import MIN_LENGTH
 from iphyre_jax.scenes.scene import Scene
 
-SOUND: Final = ""
+VALID: Final = ""
 _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
 
 
 def mirror(layouts: Layouts, which: npt.NDArray[np.bool_]) -> Layouts:
-    """Exchange left and right where `which`, (B,) bool, says so."""
+    """Mirror left and right those layouts for which `which`, (B,) bool, is True."""
     bars, balls = layouts.bars.copy(), layouts.balls.copy()
     bars[which, ..., 0] = SCREEN - bars[which, ..., 0]
     balls[which, :, 0] = SCREEN - balls[which, :, 0]
@@ -40,7 +39,7 @@ def shift(layouts: Layouts, by: Floats) -> Layouts:
 
 
 def scale(layouts: Layouts, by: Floats) -> Layouts:
-    """Stretch all positions about the middle of the picture by factors (B,); radii stay, as bars have but one."""
+    """Stretch all positions about the centre of the picture by factors (B,). Radii stay: that of bars is fixed."""
     balls, half = layouts.balls.copy(), SCREEN / 2
     balls[..., :2] = half + (balls[..., :2] - half) * by[:, None, None]
     return Layouts(half + (layouts.bars - half) * by[:, None, None, None], balls)
@@ -54,16 +53,16 @@ def jitter(layouts: Layouts, blocks: Floats, balls: Floats) -> Layouts:
 
 
 def add_blocks(layouts: Layouts, blocks: Floats) -> Layouts:
-    """Put further blocks, (B, k, 2, 2) px, behind those that are there."""
+    """Append blocks, (B, k, 2, 2) px."""
     return Layouts(np.concatenate([layouts.bars, blocks], axis=1), layouts.balls)
 
 
-def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
-    """Say why each layout is no valid variation, or "" if it is.
+def refusal_reasons(layouts: Layouts, allowed: Floats) -> list[str]:
+    """Return for each layout why it is refused, or "" if it is valid.
 
     Args:
         layouts: B layouts of N objects.
-        allowed: (N, N) px, the overlaps (negative gaps) that the original has; 0 elsewhere.
+        allowed: (N, N) px, the overlaps of the original as negative gaps; 0 elsewhere.
     """
     far, between = outside(layouts), gaps(layouts)
     finite = np.asarray(np.isfinite(layouts.ends()).all(axis=(1, 2, 3)))
@@ -73,28 +72,28 @@ def reasons(layouts: Layouts, allowed: Floats) -> list[str]:
     def name(index: int) -> str:
         return f"block {index}" if index < bars else f"ball {index - bars}"
 
-    found = []
+    reasons = []
     for b in range(len(far)):
         if not finite[b]:
-            found.append("a coordinate is not finite")
+            reasons.append("a coordinate is not finite")
         elif (far[b] > TOLERANCE).any():
             index = int(far[b].argmax())
-            found.append(f"{name(index)} sticks out of the picture by {far[b, index]:.3g} px")
+            reasons.append(f"{name(index)} sticks out of the picture by {far[b, index]:.3g} px")
         elif worse[b].any():
             i, j = np.argwhere(worse[b])[0].tolist()
-            found.append(f"{name(i)} and {name(j)} overlap by {-between[b, i, j]:.3g} px")
+            reasons.append(f"{name(i)} and {name(j)} overlap by {-between[b, i, j]:.3g} px")
         else:
-            found.append(SOUND)
-    return found
+            reasons.append(VALID)
+    return reasons
 
 
 @dataclass(frozen=True, eq=False)
 class Variations:
-    """What `vary` drew.
+    """The result of `vary`.
 
     Attributes:
         scenes: the valid variations, in the order drawn.
-        refused: why each of the others was not taken, in the order drawn.
+        refused: the reason for each refused variation, in the order drawn.
     """
 
     scenes: tuple[Scene, ...]
@@ -112,25 +111,25 @@ def vary(
     jitter_px: float = 0.0,
     extra_blocks: int = 0,
 ) -> Variations:
-    """Draw variations of a scene; the same seed gives the same ones.
+    """Draw variations of a scene. The same seed gives the same variations.
 
-    Variations keep the topology of the scene (`iphyre_jax.physics.types.Topology`) unless added blocks need more room,
-    so that they and the original run in one program.
+    Variations keep the topology of the scene (`iphyre_jax.physics.types.Topology`), so that they run in the same
+    compiled program. Only extra blocks may change it, if they need more room.
 
     Args:
         scene: the original.
         count: how many to draw; refused ones are not replaced.
-        seed: of the draws, from 0 on.
-        mirrored: exchange left and right in every other one, by chance.
-        shift_px: px, the most to move all objects by in each direction.
-        scale_by: positions are stretched by factors from 1 / scale_by to scale_by; at least 1.
-        jitter_px: px, the most to move each block and ball by itself in each direction.
-        extra_blocks: static blocks to add at random places, which cannot be removed.
+        seed: of the random numbers, 0 or more.
+        mirrored: mirror each variation with a probability of one half.
+        shift_px: px, the largest shift of the whole scene in each direction.
+        scale_by: positions are stretched by a factor from 1 / scale_by to scale_by; at least 1.
+        jitter_px: px, the largest shift of each block and ball on its own in each direction.
+        extra_blocks: how many static blocks to add at random places; they cannot be removed.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
-    _check(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
+    _check_arguments(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
     rng = np.random.default_rng(seed)
     chance = rng.random(count) < 0.5
     layouts = mirror(Layouts.of(scene, count), chance & mirrored)
@@ -141,17 +140,17 @@ def vary(
     layouts = jitter(layouts, moves[:, : scene.n_blocks], moves[:, scene.n_blocks :])
     layouts = add_blocks(layouts, _random_blocks(rng, count, extra_blocks))
     original = np.minimum(gaps(Layouts.of(scene))[0], 0.0)
-    allowed = _with_added(original, scene.n_blocks, extra_blocks)
-    found = reasons(layouts, allowed)
+    allowed = _pad_overlaps(original, scene.n_blocks, extra_blocks)
+    reasons = refusal_reasons(layouts, allowed)
     taken = tuple(
-        _scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
-        for b, reason in enumerate(found)
-        if reason == SOUND
+        _varied_scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
+        for b, reason in enumerate(reasons)
+        if reason == VALID
     )
-    return Variations(taken, tuple(reason for reason in found if reason != SOUND))
+    return Variations(taken, tuple(reason for reason in reasons if reason != VALID))
 
 
-def _check(
+def _check_arguments(
     scene: Scene, count: int, seed: int, shift_px: float, scale_by: float, jitter_px: float, extra_blocks: int
 ) -> None:
     for name, whole, least in (("count", count, 1), ("seed", seed, 0), ("extra_blocks", extra_blocks, 0)):
@@ -163,7 +162,7 @@ def _check(
 
 
 def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
-    """Draw blocks, (count, blocks, 2, 2) px: middle, length and angle uniform."""
+    """Draw blocks, (count, blocks, 2, 2) px, with uniform centre, length and angle."""
     middle = rng.uniform(0, SCREEN, (count, blocks, 2))
     size = rng.uniform(*_EXTRA_LENGTH, (count, blocks))
     angle = rng.uniform(0, math.pi, (count, blocks))
@@ -171,17 +170,17 @@ def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:
     return np.stack([middle - half, middle + half], axis=2)
 
 
-def _with_added(overlaps: Floats, bars: int, added: int) -> Floats:
-    """Return (N, N) overlaps with rows and columns of zeros for blocks added behind the first `bars` objects."""
+def _pad_overlaps(overlaps: Floats, bars: int, added: int) -> Floats:
+    """Insert zeros into (N, N) overlaps for blocks that are added after the first `bars` objects."""
     rows = np.insert(overlaps, [bars] * added, 0.0, axis=0)
     return np.insert(rows, [bars] * added, 0.0, axis=1)
 
 
-def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
-    """Return a scene with the flags and links of the original; added blocks stand behind its own."""
+def _varied_scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
+    """Return a scene with the flags and pairs of the original; added blocks come after its own blocks."""
     added, own = len(bars) - original.n_blocks, original.n_blocks
 
-    def moved(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    def renumbered(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
         return tuple((i + added * (i >= own), j + added * (j >= own)) for i, j in pairs)
 
     return Scene(
@@ -190,7 +189,7 @@ def _scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
         balls=balls,
         eliminable=np.insert(original.eliminable, [own] * added, False),
         dynamic=np.insert(original.dynamic, [own] * added, False),
-        joints=moved(original.joints),
-        springs=moved(original.springs),
+        joints=renumbered(original.joints),
+        springs=renumbered(original.springs),
         limits=original.limits,
     )

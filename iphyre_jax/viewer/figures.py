@@ -1,4 +1,4 @@
-"""The paper's rewards of every game, for people to compare themselves with."""
+"""The rewards that the paper reports for every game, for comparison."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def figures() -> dict[str, Any]:
 
 
 def split_of(game: str) -> str | None:
-    """Return the split of a game of the package, None for another scene."""
+    """Return the split of a game of the package; None for other scenes."""
     return next((split for split, games in SPLITS.items() if game in games), None)
 
 
 def figures_of(game: str) -> dict[str, object]:
-    """Return the paper's human mean, oracle (mean of the split) and agents of a game, or nothing if it has none."""
+    """Return the rewards in the paper: human mean, oracle (mean of the split), agents. Empty for other scenes."""
     table, split = figures(), split_of(game)
     row = table["games"].get(game)
     if row is None:

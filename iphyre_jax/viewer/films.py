@@ -1,4 +1,4 @@
-"""Frames to files: PNG, GIF and MP4. Films keep the size of their frames."""
+"""Write frames to files: PNG, GIF and MP4. Films have the size of their frames."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from PIL import Image
 
 from iphyre_jax.checks import one_line
 from iphyre_jax.files import replacing
-from iphyre_jax.viewer.frames import Frame, Look, Plays, frames, still
+from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
 from iphyre_jax.viewer.recording import Recording
 
-KINDS: Final = (".png", ".gif", ".mp4")
-GIF_TICK = 100  # a GIF's times are hundredths of a second
-GIF_RATE = 25  # frames a second that viewers show without slowing down
+SUFFIXES: Final = (".png", ".gif", ".mp4")
+GIF_TICK = 100  # a GIF counts time in hundredths of a second
+GIF_RATE = 25  # frames a second; viewers slow down faster GIFs
 GIF_COLOURS = 64
 
 
 def save(
     path: str | os.PathLike[str],
-    plays: Plays,
+    plays: Recordings,
     look: Look | None = None,
     titles: Sequence[str] | None = None,
     *,
     frame: int = -1,
     hold: float = 1.0,
 ) -> None:
-    """Save a picture or a film of one play, or of several side by side; a file that stands there is replaced whole.
+    """Save a picture or film of one play, or of several side by side. An existing file is replaced as a whole.
 
     Args:
-        path: ends in .png, .gif or .mp4; its folder must exist.
-        plays: of one frame rate.
+        path: the file, .png, .gif or .mp4; its folder must exist.
+        plays: one or more recordings of one frame rate.
         look: how frames look.
-        titles: one for each play; by default the scenes' names.
-        frame: which one a PNG shows, counted from the end if it is negative.
-        hold: s that a film shows the end.
+        titles: one for each play; by default the names of the scenes.
+        frame: the frame that a PNG shows; negative numbers count from the end.
+        hold: s, how long a film shows the last frame.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
         OSError: the file cannot be written.
         ModuleNotFoundError: MP4 needs imageio_ffmpeg, of the extra `viewer`.
     """
-    target = _target(path, KINDS)
+    target = _target(path, SUFFIXES)
     fps = plays.fps if isinstance(plays, Recording) else plays[0].fps if plays else 1
     with replacing(target) as part:
         if target.suffix.lower() == ".png":
@@ -60,37 +60,37 @@ def save(
 
 
 def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
-    """Save one picture as PNG; a file that stands there is replaced whole.
+    """Save one picture as PNG. An existing file is replaced as a whole.
 
     Args:
-        path: ends in .png; its folder must exist.
+        path: the file, .png; its folder must exist.
         frame: (H, W, 3) uint8.
 
     Raises:
-        ValueError: another ending, or no such folder.
+        ValueError: the name has another ending, or the folder does not exist.
         OSError: the file cannot be written.
     """
-    with replacing(_target(path, KINDS[:1])) as part:
+    with replacing(_target(path, SUFFIXES[:1])) as part:
         Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(part, optimize=True)
 
 
-def _target(path: str | os.PathLike[str], kinds: Sequence[str]) -> Path:
-    """Return the file to write, or raise a one-line ValueError."""
+def _target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
+    """Return the file to write; raise a ValueError of one line if its name or folder is wrong."""
     target = Path(path)
-    if target.suffix.lower() not in kinds:
-        raise ValueError(f"{target}: expected a name that ends in {', '.join(kinds)}")
+    if target.suffix.lower() not in suffixes:
+        raise ValueError(f"{target}: expected a name that ends in {', '.join(suffixes)}")
     if not target.parent.is_dir():
         raise ValueError(f"{target}: expected a file in a folder that exists")
     return target
 
 
 def _gif_step(fps: int) -> int:
-    """Return how many physics steps a GIF's frame stands for."""
+    """Return the number of physics steps between two frames of a GIF."""
     return max(1, -(-fps // GIF_RATE))
 
 
 def _write_gif(path: Path, pictures: Iterable[Frame], rate: float) -> None:
-    """Write a GIF that repeats; each frame lasts whole ticks, and the sum of all keeps to time."""
+    """Write a looping GIF. Each frame lasts whole ticks; rounding errors do not add up."""
     images = [Image.fromarray(one) for one in pictures]
     sample = Image.new("RGB", (images[0].width, images[0].height * 3))
     for place, k in enumerate((0, len(images) // 2, len(images) - 1)):
@@ -103,10 +103,10 @@ def _write_gif(path: Path, pictures: Iterable[Frame], rate: float) -> None:
 
 
 def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
-    """Write an H.264 film of the size of its frames, which must be even, as the format's colours are shared by fours.
+    """Write an H.264 film. Width and height must be even, because four pixels share one colour in this format.
 
     Raises:
-        ValueError: the size is odd.
+        ValueError: width or height is odd.
         OSError: the encoder failed.
     """
     import imageio_ffmpeg
@@ -120,18 +120,19 @@ def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:
     coding = ["-c:v", "libx264", "-preset", "veryfast", "-tune", "animation", "-crf", "20", "-pix_fmt", "yuv420p"]
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
-    except RuntimeError as error:  # a platform without a bundled one
-        raise OSError(f"{path}: films in MP4 need ffmpeg, which imageio_ffmpeg does not find: {error}") from None
+    except RuntimeError as error:  # no ffmpeg is bundled for this platform
+        raise OSError(f"{path}: MP4 needs ffmpeg, and imageio_ffmpeg cannot find it: {error}") from None
     command = [program, "-y", "-loglevel", "error", *shape, *coding, str(path)]
     encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603 - our own arguments
     try:
         for one in chain([first], stream):
             cast(IO[bytes], encoder.stdin).write(np.ascontiguousarray(one).tobytes())
-        _, told = encoder.communicate()
+        _, message = encoder.communicate()
     except BrokenPipeError:
-        _, told = encoder.communicate()
+        _, message = encoder.communicate()
     finally:
         encoder.kill()
         encoder.wait()
     if encoder.returncode:
-        raise OSError(f"{path}: the film could not be encoded: {one_line(told.decode(errors='replace').strip())[:200]}")
+        reason = one_line(message.decode(errors="replace").strip())[:200]
+        raise OSError(f"{path}: ffmpeg could not encode the film: {reason}")

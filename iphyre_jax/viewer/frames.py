@@ -1,4 +1,4 @@
-"""From recordings to frames: captions, several plays side by side, trails, blocks that fade, the mark of success."""
+"""Turn recordings into frames, with captions, trails, fading blocks, a mark at the end, and plays side by side."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from iphyre_jax.checks import check_whole, one_line
-from iphyre_jax.viewer.painter import FINE, Painter, blend, font
+from iphyre_jax.viewer.painter import SUPERSAMPLING, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme
 
-GAP = 8  # px between pictures side by side
-TRAIL_POINTS = 60  # a trail has at most so many lines
+GAP = 8  # px between two pictures
+TRAIL_POINTS = 60  # most lines in a trail
 MIN_SIZE, MAX_SIZE = 64, 2000  # px
 MAX_TITLE = 60  # characters
 MAX_SECONDS = 60
-ROOMY = 300  # px, from which on a caption has room for all
+ROOMY = 300  # px; captions of smaller pictures are shortened
 
 Frame = npt.NDArray[np.uint8]
 
@@ -31,10 +31,10 @@ class Look:
     Args:
         theme: "modern", "dark" or "official".
         size: px, side of one picture, which shows 600 px of the scene.
-        captions: a line above the picture with its title, the time, and how the play ended.
-        trails: show where the balls have been in the last `trail_seconds`.
-        fade: s that a removed block takes to fade; 0 for none.
-        mark: a tick or a cross once the play is over.
+        captions: whether a line above the picture shows title, time and result.
+        trails: whether to show the paths of the balls in the last `trail_seconds`.
+        fade: s, how long a removed block fades; 0 for no fading.
+        mark: whether the last frame shows a tick or a cross.
         trail_seconds: length of the trails, s.
 
     Raises:
@@ -59,17 +59,17 @@ class Look:
 
     @property
     def caption_height(self) -> int:
-        """Height of the line above a picture, px, an even number; 0 for none."""
+        """Height of the caption, px: an even number, 0 without captions."""
         return max(18, 2 * round(self.size * 0.03) + 4) if self.captions else 0
 
 
 class Camera:
-    """Takes the frames of one play.
+    """Draws the frames of one play.
 
     Args:
         recording: the play.
         look: how frames look.
-        title: of the caption; by default the scene's name.
+        title: of the caption; by default the name of the scene.
     """
 
     def __init__(self, recording: Recording, look: Look | None = None, title: str | None = None) -> None:
@@ -77,27 +77,27 @@ class Camera:
         self.title = one_line(recording.scene.name if title is None else title)[:MAX_TITLE]
         self.colours: Theme = theme(self.look.theme)
         self._painter = Painter(recording.scene, self.colours, self.look.size)
-        self._last = recording.gone_after
+        self._last_frames = recording.last_frames
 
     def image(self, frame: int) -> Image.Image:
-        """Take one frame; those after the last show the last, those before 0 count from the end."""
+        """Draw one frame. Numbers after the last frame show the last frame; negative ones count from the end."""
         recording = self.recording
         k = min(frame, recording.steps) if frame >= 0 else max(recording.steps + 1 + frame, 0)
         picture = self._painter.paint(
-            recording.poses[k], self._last >= k, fading=self._fading(k), trails=self._trails(k)
+            recording.poses[k], self._last_frames >= k, fading=self._fading(k), trails=self._trails(k)
         )
         if self.look.mark and k == recording.steps and recording.steps > 0:
             self._mark(picture)
         return self._captioned(picture, k) if self.look.captions else picture
 
     def _fading(self, k: int) -> dict[int, float]:
-        """Return how much is still seen of the blocks that have gone, 0 to 1."""
+        """Return the opacity of each removed block that still fades, 0 to 1."""
         length = self.look.fade * self.recording.fps
-        ago = k - self._last
+        ago = k - self._last_frames
         return {int(i): 1 - ago[i] / length for i in np.flatnonzero((ago > 0) & (ago < length))}
 
     def _trails(self, k: int) -> list[npt.NDArray[np.floating]]:
-        """Return where each ball has been."""
+        """Return the recent path of each ball, px."""
         if not self.look.trails or k == 0:
             return []
         first = max(0, k - round(self.look.trail_seconds * self.recording.fps))
@@ -105,8 +105,8 @@ class Camera:
         return list(self.recording.poses[at][:, self.recording.scene.n_blocks :, :2].transpose(1, 0, 2))
 
     def _mark(self, picture: Image.Image) -> None:
-        """Put a tick or a cross into the upper right corner; shapes, so that colour is not all that tells."""
-        side = round(self.look.size * 0.08) * FINE
+        """Put a tick or a cross into the upper right corner; their shapes differ, not only their colours."""
+        side = round(self.look.size * 0.08) * SUPERSAMPLING
         solved = self.recording.success
         disc = Image.new("RGBA", (side, side))
         pen = ImageDraw.Draw(disc)
@@ -115,12 +115,12 @@ class Camera:
         for line in lines:
             points = [(x * side, y * side) for x, y in line]
             pen.line(points, (255, 255, 255), max(1, round(side * 0.11)), joint="curve")
-        small = disc.reduce(FINE)
+        small = disc.reduce(SUPERSAMPLING)
         edge = round(self.look.size * 0.025)
         picture.paste(small, (self.look.size - edge - small.width, edge), small)
 
     def _captioned(self, picture: Image.Image, k: int) -> Image.Image:
-        """Put a line above the picture: the title, and time and state at the right."""
+        """Put the caption above the picture: the title at the left, result and time at the right."""
         colours, height, recording = self.colours, self.look.caption_height, self.recording
         whole = Image.new("RGB", (picture.width, picture.height + height), colours.background)
         whole.paste(picture, (0, height))
@@ -134,7 +134,7 @@ class Camera:
             colour = colours.solved if recording.success else colours.failed
         left = round(height * 0.35)
         pen.text((left, height / 2), self.title, colours.text, letters, anchor="lm")
-        # The state stands on ground of its own, so that a long title does not run into it.
+        # The result has its own background, so that it covers a title that is too long.
         start = whole.width - left - pen.textlength(state, letters)
         pen.rectangle((start - left, 0, whole.width, height - 1), ground)
         pen.text((start, height / 2), state, colour, letters, anchor="lm")
@@ -145,17 +145,19 @@ _TICK = (((0.26, 0.52), (0.44, 0.70), (0.76, 0.34)),)
 _CROSS = (((0.32, 0.32), (0.68, 0.68)), ((0.68, 0.32), (0.32, 0.68)))
 
 
-Plays = Recording | Sequence[Recording]
+Recordings = Recording | Sequence[Recording]
 
 
-def still(plays: Plays, look: Look | None = None, titles: Sequence[str] | None = None, *, frame: int = -1) -> Frame:
+def still(
+    plays: Recordings, look: Look | None = None, titles: Sequence[str] | None = None, *, frame: int = -1
+) -> Frame:
     """Return one frame of one play, or of several side by side.
 
     Args:
-        plays: of one frame rate.
+        plays: one or more recordings of one frame rate.
         look: how frames look.
-        titles: one for each play; by default the scenes' names.
-        frame: which one, counted from the end if it is negative; a play that is shorter shows its last.
+        titles: one for each play; by default the names of the scenes.
+        frame: the number of the frame; negative ones count from the end. A shorter play shows its last frame.
 
     Returns:
         (H, W, 3) uint8.
@@ -164,28 +166,28 @@ def still(plays: Plays, look: Look | None = None, titles: Sequence[str] | None =
         ValueError: one line that names the argument and what was expected.
     """
     cameras = _cameras(plays, look, titles)
-    return np.asarray(beside([camera.image(frame) for camera in cameras], cameras[0].colours))
+    return np.asarray(side_by_side([camera.image(frame) for camera in cameras], cameras[0].colours))
 
 
 def frames(
-    plays: Plays,
+    plays: Recordings,
     look: Look | None = None,
     titles: Sequence[str] | None = None,
     *,
     every: int = 1,
     hold: float = 1.0,
 ) -> Iterator[Frame]:
-    """Take all frames of one play, or of several side by side.
+    """Draw all frames of one play, or of several side by side.
 
     Args:
-        plays: of one frame rate; a shorter one waits at its end.
+        plays: one or more recordings of one frame rate; a shorter one waits at its last frame.
         look: how frames look.
-        titles: one for each play; by default the scenes' names.
-        every: physics steps from frame to frame.
-        hold: s that the end is shown.
+        titles: one for each play; by default the names of the scenes.
+        every: physics steps between two frames.
+        hold: s, how long the last frame is shown.
 
     Yields:
-        (H, W, 3) uint8, all of one size.
+        (H, W, 3) uint8, the same size for all.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -196,10 +198,10 @@ def frames(
     steps = max(camera.recording.steps for camera in cameras)
     stops = [*range(0, steps, every), steps]
     for k in [*stops, *[steps] * round(hold * cameras[0].recording.fps / every)]:
-        yield np.asarray(beside([camera.image(k) for camera in cameras], cameras[0].colours))
+        yield np.asarray(side_by_side([camera.image(k) for camera in cameras], cameras[0].colours))
 
 
-def _cameras(plays: Plays, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
+def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
     """Return a camera for each play."""
     recordings = [plays] if isinstance(plays, Recording) else list(plays)
     rates = sorted({recording.fps for recording in recordings})
@@ -211,8 +213,8 @@ def _cameras(plays: Plays, look: Look | None, titles: Sequence[str] | None) -> l
     return [Camera(recording, look, name) for recording, name in zip(recordings, names, strict=True)]
 
 
-def beside(images: Sequence[Image.Image], colours: Theme) -> Image.Image:
-    """Return pictures of one height side by side."""
+def side_by_side(images: Sequence[Image.Image], colours: Theme) -> Image.Image:
+    """Join pictures of the same height side by side."""
     if len(images) == 1:
         return images[0]
     width = sum(image.width for image in images) + GAP * (len(images) - 1)

@@ -1,4 +1,4 @@
-"""Where plays come from: files of plays, run folders, and the best plans known."""
+"""Load plays from files of plays, from run folders, or from the best known plans."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
 
 BEST: Final = "best"
-MAX_FOLDER_FILE: Final = 20_000_000  # bytes of a run's JSON file
 
 
 def load_plays(source: str | Path) -> list[Play]:
     """Return the plays of a source.
 
     Args:
-        source: a file of plays (JSON lines), a run folder that holds an evaluation of plans, or "best" for the best
-            plans known at 60 steps a second.
+        source: a file of plays (JSON lines), a run folder of an evaluated agent that plans in advance, or "best" for
+            the best known plans at 60 steps a second.
 
     Raises:
         FileNotFoundError, OSError, ValueError: one line that names the source and what was expected.
@@ -31,7 +30,7 @@ def load_plays(source: str | Path) -> list[Play]:
     if str(source) == BEST:
         return list(best_plays().values())
     path = Path(source)
-    plays = _run(path) if path.is_dir() else read_plays(path)
+    plays = _plays_of_run(path) if path.is_dir() else read_plays(path)
     if not plays:
         raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
     return plays
@@ -39,24 +38,24 @@ def load_plays(source: str | Path) -> list[Play]:
 
 @cache
 def best_plays() -> Mapping[str, Play]:
-    """Return for each of the forty games the best plan that `viewer.search` has found at 60 steps a second."""
+    """Return for each of the forty games the best plan that `viewer.search` found at 60 steps a second."""
     name = "best_plans.json"
     content: Any = parse_json(files(__package__).joinpath(name).read_bytes(), name)
     return {line["scene"]: play_from_json(line, name) for line in content["plays"]}
 
 
-def _run(path: Path) -> list[Play]:
-    """Return the greedy plans of a run's evaluation."""
+def _plays_of_run(path: Path) -> list[Play]:
+    """Return the greedy plans in the evaluation of a run."""
     config, evaluation = (_object(path / name) for name in ("config.json", "evaluation.json"))
     settings = config.get("settings")
     games = evaluation.get("games")
     if not isinstance(settings, Mapping) or not isinstance(games, list):
         raise ValueError(f"{one_line(str(path))}: expected the settings of a run and an evaluation of its games")
-    return [_greedy(game, settings, path, k) for k, game in enumerate(games)]
+    return [_greedy_play(game, settings, path, k) for k, game in enumerate(games)]
 
 
-def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
-    """Return the greedy plan of one game of an evaluation."""
+def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
+    """Return the greedy plan of one game in an evaluation."""
     source = f"{one_line(str(path / 'evaluation.json'))}: games[{index}]"
     if not isinstance(game, Mapping) or not isinstance(game.get("game"), str):
         raise ValueError(f"{source}: expected an object with the name of a game, got {show(game)}")
@@ -65,7 +64,7 @@ def _greedy(game: object, settings: Mapping[str, Any], path: Path, index: int) -
     if not isinstance(seconds, list) or not all(isinstance(second, numbers) for second in seconds):
         raise ValueError(f"{source}: plan: expected seconds for each block, or null, got {show(seconds)}")
     if not seconds:
-        raise ValueError(f"{source}: plan: expected one, got none; only agents that plan in advance leave plans")
+        raise ValueError(f"{source}: plan: expected a plan, got none; only agents that plan in advance have plans")
     if not isinstance(fps, int) or isinstance(fps, bool) or any(s is not None and not 0 <= s < 1e6 for s in seconds):
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]

@@ -1,8 +1,8 @@
-"""Scenes and recordings as JSON values for the pages. `pages/tape.js` is the other side of `pack_tape`.
+"""Turn scenes and recordings into JSON values for the pages. `pages/tape.js` unpacks what `pack_tape` packs.
 
-A tape is a row of int32, little-endian, deflated and in base 64: how much each value grows from frame to frame, column
-by column: x, y, angle of every moving object, then their velocities, then the number of contacts in each frame, then
-the contacts' x and y, frame by frame, each in its unit below.
+A tape holds all frames of a recording: little-endian int32, deflated, in base 64. It stores differences from frame to
+frame, column by column: x, y and angle of every moving object, then their velocities, then the number of contacts.
+After that come x and y of the contacts, frame by frame. The units are below.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ LENGTH_UNIT = 1 / 64  # px
 ANGLE_UNIT = 1 / 4096  # rad
 SPEED_UNIT = 1 / 4  # px/s
 CONTACT_UNIT = 1 / 4  # px
-LARGEST = 2.0**29  # of a number in its unit, so that differences fit
+LARGEST = 2.0**29  # largest number in its unit, so that differences fit into int32
 
 
 def pack_scene(scene: Scene) -> dict[str, object]:
-    """Return a scene's fields as in a scene file."""
+    """Return the fields of a scene, as in a scene file."""
     return scene_to_dict(scene)
 
 
 def pack_play(recording: Recording) -> dict[str, object]:
-    """Return how a play went, with its tape."""
+    """Return plan, settings, result and tape of a recording."""
     return {
         "plan": list(recording.plan),
         "fps": recording.fps,
@@ -44,7 +44,7 @@ def pack_play(recording: Recording) -> dict[str, object]:
 
 
 def pack_tape(recording: Recording) -> str:
-    """Return the frames of a recording as text; see the module's text."""
+    """Return the frames of a recording as a tape; the docstring of this module describes it."""
     moving = np.flatnonzero(recording.scene.dynamic)
     poses = recording.poses[:, moving] / np.array([LENGTH_UNIT, LENGTH_UNIT, ANGLE_UNIT])
     frames = len(poses)
@@ -55,13 +55,13 @@ def pack_tape(recording: Recording) -> str:
     counts = touching.sum(axis=1)
     points = recording.contacts[touching] / CONTACT_UNIT
     grown = np.diff(_whole(columns), axis=0, prepend=0)
-    # Points follow each other as pairs: x and y each grow on their own.
+    # x and y of contacts are stored as pairs; each coordinate has its own differences.
     parts = [grown.T.ravel(), np.diff(counts, prepend=0), np.diff(_whole(points), axis=0, prepend=0).ravel()]
     return base64.b64encode(zlib.compress(np.concatenate(parts).astype("<i4").tobytes(), 6)).decode()
 
 
 def _whole(values: np.ndarray) -> np.ndarray:
-    """Round to integers; a world that is not finite any more is shown at the edge of the numbers."""
+    """Round to integers. Numbers that are not finite are clipped to the largest ones, so that they can be shown."""
     return np.rint(np.nan_to_num(values, nan=0.0, posinf=LARGEST, neginf=-LARGEST).clip(-LARGEST, LARGEST)).astype(
         np.int64
     )

@@ -1,4 +1,4 @@
-"""The replay page: one HTML file that holds everything it shows and reaches for nothing."""
+"""The replay page: one HTML file that contains everything it needs and makes no requests."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ SCRIPTS: Final = (
     "clock.js",
     "deck.js",
     "replay.js",
-)  # in the order in which they build on each other
+)  # each uses the ones before it
 MAX_BYTES: Final = 100_000_000  # of one page
 
 
 def page_file(name: str) -> str:
-    """Return a file of the pages, as text."""
+    """Return a file of the folder pages, as text."""
     return files(__package__).joinpath("pages", name).read_text("utf-8")
 
 
@@ -38,8 +38,8 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
     """Return the HTML of a page that plays recordings.
 
     Args:
-        plays: who played, and what came of it.
-        title: of the page.
+        plays: the name of each player, and the recording.
+        title: the title of the page.
 
     Raises:
         ValueError: there is no play.
@@ -60,33 +60,33 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
     }
     scripts = "".join(page_file(name) for name in SCRIPTS)
     style = page_file("style.css")
-    sources = f"script-src {_hash(scripts)}; style-src {_hash(style)}"
+    sources = f"script-src {_hash_source(scripts)}; style-src {_hash_source(style)}"
     policy = f"default-src 'none'; {sources}; base-uri 'none'; form-action 'none'"
-    parts = {"POLICY": policy, "STYLE": style, "SCRIPT": scripts, "DATA": in_script(data)}
+    parts = {"POLICY": policy, "STYLE": style, "SCRIPT": scripts, "DATA": json_for_script(data)}
     head, *rest = page_file("replay.html").split("<!--")
     return head + "".join(parts[key] + tail for key, _, tail in (part.partition("-->") for part in rest))
 
 
-def in_script(data: object) -> str:
-    """Return JSON that can stand inside a script element: nothing in it can end the element or begin a comment."""
+def json_for_script(data: object) -> str:
+    """Return JSON for a script element; it cannot end the element or begin a comment."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _hash(text: str) -> str:
-    """Return the source expression of a content security policy that allows exactly this text."""
+def _hash_source(text: str) -> str:
+    """Return the source expression that allows exactly this text in a content security policy."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: str = "I-PHYRE replay") -> list[str]:
-    """Play plans again and write a replay page; a file that stands there is replaced whole.
+    """Replay plans and write a replay page. An existing file is replaced as a whole.
 
     Args:
-        path: of the page; its folder must exist.
-        plays: what to show.
-        title: of the page.
+        path: the file; its folder must exist.
+        plays: the plays to show.
+        title: the title of the page.
 
     Returns:
-        One line for each play that ends otherwise than its file says.
+        One line for each play whose result differs from its file.
 
     Raises:
         OSError: the file cannot be written.
@@ -97,5 +97,5 @@ def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: 
     if len(page) > MAX_BYTES:
         raise ValueError(f"{path}: expected a page of at most {MAX_BYTES} bytes, got {len(page)}; show fewer plays")
     replace_bytes(Path(path), page)
-    changed = ((play, play.differs(recording)) for play, recording in recordings)
+    changed = ((play, play.difference(recording)) for play, recording in recordings)
     return [f"{play.agent}, {play.scene.name}: the file says {text}" for play, text in changed if text]

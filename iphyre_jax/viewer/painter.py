@@ -1,8 +1,8 @@
-"""Pictures of one frame with Pillow: fast enough for films, and with text.
+"""Draw frames with Pillow, fast enough for films.
 
-`iphyre_jax.observations.drawing` draws in JAX, for observations inside compiled code. This one draws the same marks
-four times as large in area and shrinks the result, keeps what rests from frame to frame, and knows themes, trails and
-labels.
+`iphyre_jax.observations.drawing` draws in JAX, for observations inside compiled code. This module draws the same
+shapes at twice the size and shrinks the picture, which smooths the edges. It draws static blocks only once, and it
+knows themes and trails.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.themes import Colour, Theme
 
-FINE = 2  # the picture is drawn so many times as large, then shrunk, which smooths its edges
+SUPERSAMPLING = 2  # factor by which pictures are drawn larger and then shrunk, which smooths the edges
 OUTLINE = 1.6  # px of the scene
 GRID = 100  # px of the scene
-CREST = drawing.SPRING_SWING  # px of the scene, height of a spring's crests
+CREST = drawing.SPRING_SWING  # px of the scene, height of the zigzag of a spring
 
 Point = tuple[float, float]
 Floats = npt.NDArray[np.floating]
@@ -33,13 +33,13 @@ Floats = npt.NDArray[np.floating]
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return Pillow's own font."""
+    """Return the font that comes with Pillow."""
     return ImageFont.load_default(size)
 
 
-def blend(colour: Colour, ground: Colour, share: float) -> Colour:
-    """Return a colour that covers its ground to a share, 0 to 1."""
-    red, green, blue = (round(g + share * (c - g)) for c, g in zip(colour, ground, strict=True))
+def blend(colour: Colour, background: Colour, opacity: float) -> Colour:
+    """Mix a colour with its background; an opacity of 1 gives the colour itself."""
+    red, green, blue = (round(g + opacity * (c - g)) for c, g in zip(colour, background, strict=True))
     return red, green, blue
 
 
@@ -48,7 +48,7 @@ class Painter:
     """Draws frames of one scene, size x size pixels.
 
     Args:
-        scene: what is drawn.
+        scene: the scene to draw.
         theme: its colours.
         size: px, side of the picture, which shows 600 px of the scene.
     """
@@ -56,12 +56,12 @@ class Painter:
     scene: Scene
     theme: Theme
     size: int
-    _resting: tuple[tuple[bool, ...], Image.Image] | None = field(default=None, init=False)
+    _cached_static_layer: tuple[tuple[bool, ...], Image.Image] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        """Note what does not change from frame to frame."""
+        """Compute what stays the same in all frames."""
         scene, theme = self.scene, self.theme
-        self._scale = self.size * FINE / SCREEN
+        self._scale = self.size * SUPERSAMPLING / SCREEN
         centres = (scene.blocks[:, :1] + scene.blocks[:, 1:]) / 2
         self._arms = scene.blocks - centres  # (n_blocks, 2, 2) px, end points about the centre at angle 0
         kinds = zip(scene.eliminable[: scene.n_blocks], scene.dynamic[: scene.n_blocks], strict=True)
@@ -70,7 +70,7 @@ class Painter:
     def paint(
         self,
         poses: Floats,
-        there: Sequence[bool] | npt.NDArray[np.bool_],
+        present: Sequence[bool] | npt.NDArray[np.bool_],
         *,
         fading: dict[int, float] | None = None,
         trails: Sequence[Floats] = (),
@@ -79,15 +79,15 @@ class Painter:
 
         Args:
             poses: (N, 3) x, y (px) and angle (rad) of every object.
-            there: (N,) whether it is there.
-            fading: for objects that went a moment ago how much of them is still seen, 0 to 1.
-            trails: for each trail the points (T, 2), px, oldest first.
+            present: (N,) whether each object is still there.
+            fading: opacity, 0 to 1, of objects that were removed a moment ago.
+            trails: the points (T, 2) of each trail, px, oldest first.
         """
         scene = self.scene
-        image = self._rest(tuple(bool(t) for t in there[: scene.n_blocks])).copy()
+        image = self._static_layer(tuple(bool(t) for t in present[: scene.n_blocks])).copy()
         pen = ImageDraw.Draw(image)
-        for block, share in (fading or {}).items():
-            self._bar(pen, block, poses[block], share)
+        for block, opacity in (fading or {}).items():
+            self._bar(pen, block, poses[block], opacity)
         for points in trails:
             self._trail(pen, points)
         for i in range(scene.n_blocks):
@@ -100,46 +100,46 @@ class Painter:
             (scene.springs, self.theme.spring, True),
         ):
             for i, j in pairs:
-                if there[i] and there[j]:
+                if present[i] and present[j]:
                     self._link(pen, poses[i, :2], poses[j, :2], colour, coiled=coiled)
-        return image.reduce(FINE)
+        return image.reduce(SUPERSAMPLING)
 
-    def _rest(self, there: tuple[bool, ...]) -> Image.Image:
-        """Return ground and static blocks, drawn anew only when a block has gone."""
-        if self._resting is None or self._resting[0] != there:
-            side = self.size * FINE
+    def _static_layer(self, present: tuple[bool, ...]) -> Image.Image:
+        """Return background and static blocks; they are drawn again only after a removal."""
+        if self._cached_static_layer is None or self._cached_static_layer[0] != present:
+            side = self.size * SUPERSAMPLING
             image = Image.new("RGB", (side, side), self.theme.background)
             pen = ImageDraw.Draw(image)
             if self.theme.outlined:
                 for at in range(GRID, int(SCREEN), GRID):
                     place = at * self._scale
-                    pen.line([(place, 0), (place, side)], self.theme.grid, FINE)
-                    pen.line([(0, place), (side, place)], self.theme.grid, FINE)
-            for i, present in enumerate(there):
-                if present and not self.scene.dynamic[i]:
+                    pen.line([(place, 0), (place, side)], self.theme.grid, SUPERSAMPLING)
+                    pen.line([(0, place), (side, place)], self.theme.grid, SUPERSAMPLING)
+            for i, there in enumerate(present):
+                if there and not self.scene.dynamic[i]:
                     centre = (self.scene.blocks[i, 0] + self.scene.blocks[i, 1]) / 2
                     self._bar(pen, i, np.array([*centre, 0.0]))
-            self._resting = there, image
-        return self._resting[1]
+            self._cached_static_layer = present, image
+        return self._cached_static_layer[1]
 
-    def _at(self, x: float, y: float) -> Point:
-        """Return where a point of the scene is in the large picture; (0, 0) is the middle of the first pixel."""
-        shift = 0.5 * self.size * FINE / SCREEN - 0.5
+    def _pixel(self, x: float, y: float) -> Point:
+        """Return the place of a point of the scene in the large picture; (0, 0) is the centre of the first pixel."""
+        shift = 0.5 * self.size * SUPERSAMPLING / SCREEN - 0.5
         return float(x) * self._scale + shift, float(y) * self._scale + shift
 
-    def _bar(self, pen: ImageDraw.ImageDraw, block: int, pose: Floats, share: float = 1.0) -> None:
-        """Draw a bar: all within its radius of the line between its ends."""
+    def _bar(self, pen: ImageDraw.ImageDraw, block: int, pose: Floats, opacity: float = 1.0) -> None:
+        """Draw a bar: all points within its radius of the segment between its ends."""
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         ends = [(pose[0] + x * cos - y * sin, pose[1] + x * sin + y * cos) for x, y in self._arms[block]]
-        ground, radius = self.theme.background, BAR_RADIUS + 0.5
+        background, radius = self.theme.background, BAR_RADIUS + 0.5
         colour = self._colours[block]
         if self.theme.outlined and self.scene.eliminable[block]:
-            self._capsule(pen, ends, radius, blend(self.theme.edge, ground, share))
+            self._capsule(pen, ends, radius, blend(self.theme.edge, background, opacity))
             radius -= OUTLINE
-        self._capsule(pen, ends, radius, blend(colour, ground, share))
+        self._capsule(pen, ends, radius, blend(colour, background, opacity))
 
     def _capsule(self, pen: ImageDraw.ImageDraw, ends: Sequence[Point], radius: float, colour: Colour) -> None:
-        (ax, ay), (bx, by) = (self._at(*end) for end in ends)
+        (ax, ay), (bx, by) = (self._pixel(*end) for end in ends)
         r, length = radius * self._scale, math.hypot(bx - ax, by - ay)
         if length > 0:
             nx, ny = -(by - ay) / length * r, (bx - ax) / length * r
@@ -148,7 +148,7 @@ class Painter:
             pen.ellipse((x - r, y - r, x + r, y + r), fill=colour)
 
     def _ball(self, pen: ImageDraw.ImageDraw, index: int, pose: Floats) -> None:
-        """Draw a ball and the radius that shows its angle."""
+        """Draw a ball and the line that shows its angle."""
         radius = float(self.scene.balls[index - self.scene.n_blocks, 2])
         here = [(pose[0], pose[1])] * 2
         if self.theme.outlined:
@@ -157,26 +157,26 @@ class Painter:
         reach = radius if not self.theme.outlined else radius - OUTLINE
         tip = pose[0] + reach * math.cos(pose[2]), pose[1] + reach * math.sin(pose[2])
         width = 2 if radius > drawing.THICK_FROM or self.theme.outlined else 1
-        pen.line([self._at(*here[0]), self._at(*tip)], self.theme.spoke, max(1, round(width * self._scale)))
+        pen.line([self._pixel(*here[0]), self._pixel(*tip)], self.theme.spoke, max(1, round(width * self._scale)))
 
     def _link(self, pen: ImageDraw.ImageDraw, first: Floats, last: Floats, colour: Colour, *, coiled: bool) -> None:
         """Draw a joint as a line, a spring as a zigzag, both with dots at their ends."""
         width = max(1, round((2 if self.theme.outlined else 1) * self._scale))
         points = _zigzag(first, last) if coiled else [(first[0], first[1]), (last[0], last[1])]
-        pen.line([self._at(*point) for point in points], colour, width, joint="curve")
+        pen.line([self._pixel(*point) for point in points], colour, width, joint="curve")
         for x, y in (first, last):
             self._capsule(pen, [(x, y)] * 2, drawing.LINK_DOT, colour)
 
     def _trail(self, pen: ImageDraw.ImageDraw, points: Floats) -> None:
-        """Draw where a ball has been, fainter the longer ago."""
+        """Draw the path of a ball; older parts are fainter."""
         count, width = len(points) - 1, max(1, round(3 * self._scale))
         for k in range(count):
             colour = blend(self.theme.ball, self.theme.background, 0.08 + 0.42 * (k + 1) / count)
-            pen.line([self._at(*points[k]), self._at(*points[k + 1])], colour, width)
+            pen.line([self._pixel(*points[k]), self._pixel(*points[k + 1])], colour, width)
 
 
 def _zigzag(first: Floats, last: Floats) -> list[Point]:
-    """Return the corners of a spring between two points, straight at its ends."""
+    """Return the corners of a spring between two points; its ends are straight."""
     way = np.asarray(last, float) - np.asarray(first, float)
     length = float(np.hypot(*way))
     if length == 0:

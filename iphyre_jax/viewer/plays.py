@@ -1,10 +1,10 @@
-"""Files of plays: JSON lines, each a scene, a plan and how it ended. What people and agents did can be played again.
+"""Files of plays: JSON lines, each with a scene, a plan and its result. Every line can be replayed.
 
-{"schema": "iphyre_jax/play", "version": 1, "agent": "you", "scene": "hole",     a game, or a scene file's contents
- "plan": [-1, -1, 83, 32],       for each eliminable block the step before which it goes, -1 for never
+{"schema": "iphyre_jax/play", "version": 1, "agent": "you", "scene": "hole",     a game, or the contents of a scene file
+ "plan": [-1, -1, 83, 32],       the step before which each eliminable block is removed, -1 for never
  "fps": 60, "dtype": "float64", "resets": 1,
  "result": {"solved": true, "steps": 261, "eliminations": 2, "reward": 975.65},
- "facts": {...}}                 versions, time, number of the attempt: for people, not read
+ "facts": {...}}                 versions, time, number of the attempt: information for people, ignored here
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from iphyre_jax.checks import one_line, show, whole_fps
 from iphyre_jax.files import parse_json
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.codec import check_object
-from iphyre_jax.scenes.errors import refuse
+from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.recording import Recording, record
 
@@ -29,11 +29,11 @@ VERSION: Final = 1
 FIELDS: Final = ("schema", "version", "agent", "scene", "plan", "fps", "dtype", "resets", "result", "facts")
 RESULT_FIELDS: Final = ("solved", "steps", "eliminations", "reward")
 MAX_LINE: Final = 100_000  # bytes of one play; a scene takes about 1 kB
-MAX_PLAYS: Final = 10_000  # of one file
+MAX_PLAYS: Final = 10_000  # in one file
 MAX_FPS: Final = 1000
 DTYPES: Final = ("float64", "float32")
 
-_OWN_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
+_GAME_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
 
 
 @dataclass(frozen=True)
@@ -47,20 +47,20 @@ class Play:
     dtype: str = "float64"
     resets: int = 1
     result: Mapping[str, object] | None = None
-    """How it ended when it was written."""
+    """The result when the line was written."""
 
     def record(self) -> Recording:
-        """Play it again."""
+        """Replay it."""
         return record(self.scene, list(self.plan), fps=self.fps, dtype=self.dtype, resets=self.resets)
 
-    def differs(self, recording: Recording) -> str:
-        """Say in which way a recording ends otherwise than the line says; empty if it does not, or nothing is said."""
+    def difference(self, recording: Recording) -> str:
+        """Describe how a recording differs from the stored result; empty if it does not, or if no result is stored."""
         now, then = result_of(recording), self.result or {}
         return "; ".join(f"{key} {show(value)}, now {now[key]}" for key, value in then.items() if value != now[key])
 
 
 def result_of(recording: Recording) -> dict[str, object]:
-    """Return how a recording ends, as the field `result` of a line."""
+    """Return the field `result` of a line for a recording."""
     return {
         "solved": recording.success,
         "steps": recording.steps,
@@ -70,9 +70,9 @@ def result_of(recording: Recording) -> dict[str, object]:
 
 
 def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) -> dict[str, object]:
-    """Return a line's contents for a recording."""
+    """Return the contents of a line for a recording."""
     scene = recording.scene
-    own = scene.name in _OWN_NAMES and scene == load_scene(scene.name)
+    own = scene.name in _GAME_NAMES and scene == load_scene(scene.name)
     return {
         "schema": SCHEMA,
         "version": VERSION,
@@ -88,7 +88,7 @@ def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) 
 
 
 def append_play(path: Path, line: Mapping[str, object]) -> None:
-    """Add a line to a file of plays; it is in the file before this returns."""
+    """Add a line to a file of plays. It is on disk when this function returns."""
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line, allow_nan=False) + "\n")
         file.flush()
@@ -101,12 +101,12 @@ def read_plays(path: str | os.PathLike[str]) -> list[Play]:
     Raises:
         FileNotFoundError: there is no such file.
         OSError: it cannot be read.
-        ValueError: a line is wrong; one line of text that names file, line and field.
+        ValueError: a line is wrong; the message names file, line and field.
     """
-    return list(_plays(Path(path)))
+    return list(_read_lines(Path(path)))
 
 
-def _plays(path: Path) -> Iterator[Play]:
+def _read_lines(path: Path) -> Iterator[Play]:
     name = one_line(str(path))
     if not path.is_file():
         raise FileNotFoundError(f"{name}: expected a file of plays, but there is none")
@@ -124,7 +124,7 @@ def _plays(path: Path) -> Iterator[Play]:
 
 
 def play_from_json(data: object, source: str) -> Play:
-    """Read one line's contents.
+    """Read the contents of one line.
 
     Raises:
         ValueError: a field is wrong; one line for each, "source: field: expected ..., got ...".
@@ -150,30 +150,30 @@ def play_from_json(data: object, source: str) -> Play:
     result = fields.get("result")
     if result is not None and (not isinstance(result, Mapping) or set(result) != set(RESULT_FIELDS)):
         problems.append(f"result: expected an object of {', '.join(RESULT_FIELDS)}, got {show(result)}")
-    refuse(source, problems)
-    return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # as checked
+    raise_problems(source, problems)
+    return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # checked above
 
 
 def is_name(value: object) -> bool:
-    """Whether a value can name an agent: it goes to terminals and pages, so nothing in it may steer them."""
+    """Return whether a value can name an agent. Names are shown in terminals, so control characters are not allowed."""
     return isinstance(value, str) and 0 < len(value) <= MAX_NAME and value.isprintable() and value == value.strip()
 
 
 def read_scene_field(value: object, source: str) -> Scene:
-    """Return the scene that a name of the package's games or a scene file's contents stand for; never a path.
+    """Return the scene for the name of a game or the contents of a scene file; paths are not allowed.
 
     Raises:
         ValueError: it is neither; one line for each wrong field.
     """
     if isinstance(value, str):
-        if value not in _OWN_NAMES:
+        if value not in _GAME_NAMES:
             raise ValueError(f"{source}: scene: expected the name of a game or a scene, got {show(value)}")
         return load_scene(value)
     return scene_from_dict(value, f"{source}: scene")
 
 
 def plan_problems(plan: object, scene: Scene) -> Sequence[str]:
-    """Say what is wrong with a plan of steps, one for each eliminable block."""
+    """List what is wrong with a plan: it needs one step for each eliminable block."""
     blocks = len(scene.eliminable_blocks)
     if not isinstance(plan, list) or len(plan) != blocks:
         return [f"plan: expected {blocks} steps, one for each eliminable block, got {show(plan)}"]

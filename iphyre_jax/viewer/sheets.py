@@ -1,4 +1,4 @@
-"""Contact sheets: many plays on one picture, at their start or at their end."""
+"""Contact sheets: one picture of many plays, at their start or at their end."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
     """Return one picture of many plays.
 
     Args:
-        plays: at most 400.
+        plays: 1 to 400 recordings.
         columns: pictures in a row.
-        frame: which frame of each, counted from the end if it is negative.
+        frame: the frame of each play; negative numbers count from the end.
         look: how each picture looks.
 
     Returns:
@@ -40,18 +40,18 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
     images = [Camera(play, chosen).image(frame) for play in plays]
     width, height = images[0].width + GAP, images[0].height + GAP
     rows, across = -(-len(images) // columns), min(columns, len(images))
-    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _ground(theme(chosen.theme)))
+    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _background(theme(chosen.theme)))
     for k, image in enumerate(images):
         sheet.paste(image, (GAP + k % columns * width, GAP + k // columns * height))
     return np.asarray(sheet)
 
 
-def _ground(colours: Theme) -> Colour:
+def _background(colours: Theme) -> Colour:
     return blend(colours.text, colours.background, 0.25)
 
 
 def start_of(scene: Scene, fps: int = 60) -> Recording:
-    """Return a recording of a scene before its first step; nothing is compiled or played."""
+    """Return a recording that holds only the start of a scene; nothing is compiled or played."""
     poses = np.zeros((1, scene.n_objects, 3))
     poses[0, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
     poses[0, scene.n_blocks :, :2] = scene.balls[:, :2]

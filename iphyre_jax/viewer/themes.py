@@ -1,8 +1,8 @@
-"""Colours of pictures and pages, red, green, blue from 0 to 255.
+"""Colours of pictures and pages: red, green and blue from 0 to 255.
 
-`modern` and its dark counterpart tell the kinds of objects apart by lightness and by the pair blue and orange, which
-every common form of colour blindness leaves apart (Okabe and Ito's palette; `tests/viewer/test_themes.py` measures
-it). `official` has the colours of the official class, from `iphyre_jax.observations.drawing`.
+`modern` and `dark` separate the kinds of objects by lightness and by blue against orange. People with any common form
+of colour blindness can tell these apart (palette of Okabe and Ito; `tests/viewer/test_themes.py` measures it).
+`official` has the colours of the official class, from `iphyre_jax.observations.drawing`.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ class Theme:
     fixed: Colour
     moving: Colour
     edge: Colour
-    """Outline of balls and of blocks that can be eliminated; where it is the object's own colour there is none."""
+    """Outline of balls and of eliminable blocks."""
     spoke: Colour
-    """The radius that shows a ball's angle."""
+    """The line that shows the angle of a ball."""
     joint: Colour
     spring: Colour
     text: Colour
     quiet: Colour
-    """Of text that matters less."""
+    """Less important text."""
     solved: Colour
     failed: Colour
     contact: Colour
     velocity: Colour
     outlined: bool
-    """Whether there are outlines and a grid."""
+    """Whether to draw outlines and a grid."""
 
 
 THEMES: Final = MappingProxyType(
@@ -110,7 +110,7 @@ def theme(name: str) -> Theme:
     """Return a theme by its name.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: there is no theme of this name.
     """
     if name not in THEMES:
         raise ValueError(f"theme: expected one of {', '.join(THEMES)}, got {name!r}")
@@ -118,7 +118,7 @@ def theme(name: str) -> Theme:
 
 
 def as_json() -> dict[str, dict[str, object]]:
-    """Return all themes for a page: each colour as "rgb(r, g, b)"."""
+    """Return all themes for the pages, with colours as "rgb(r, g, b)"."""
     return {
         name: {
             field: f"rgb({value[0]}, {value[1]}, {value[2]})" if isinstance(value, tuple) else value

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import iphyre_jax
-from iphyre_jax.cli.viewer import seconds_of
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.viewer.films import save
 from iphyre_jax.viewer.frames import Look
@@ -38,7 +37,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path("both.mp4"))
     options = parser.parse_args()
     scene = iphyre_jax.load_scene(options.scene)
-    plan = plan_to_steps(seconds_of(options.plan, scene), options.fps, "simulate")[0].tolist()
+    plan = plan_to_steps(parse_plan(options.plan, scene), options.fps, "simulate")[0].tolist()
     plays = play_both(scene, plan, options.fps, options.dtype, options.resets)
     save(options.out, plays, Look(trails=True), [f"ours, {options.dtype}", f"pymunk {VERSION}"])
     steps = min(len(play.poses) for play in plays)

@@ -1,4 +1,4 @@
-"""A browser for the tests: the machine's own Chromium, driven by Playwright. Run by `make test-browser`."""
+"""The browser of these tests: the Chromium of the machine, driven by Playwright; `make test-browser` runs them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
-    """A page that must not complain; `page.asked` holds the addresses that it asked for."""
+    """Return a page that must log no errors; `page.asked` lists the addresses that it requested."""
     context = browser.new_context(viewport={"width": 1280, "height": 900}, accept_downloads=True)
     page = context.new_page()
     complaints: list[str] = []

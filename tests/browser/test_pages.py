@@ -1,4 +1,4 @@
-"""The pages in a real browser. `make test-browser` runs these; pictures of what they saw are in build/browser/."""
+"""The pages in a real browser. `make test-browser` runs these tests; screenshots go to build/browser/."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ HOSTILE = (
 
 
 def until(page: Page, condition: str, seconds: float = 60.0) -> None:
-    """Wait for a condition in JavaScript; Playwright's own way needs eval, which the pages forbid themselves."""
+    """Wait for a condition in JavaScript. The wait of Playwright needs eval, which the pages forbid."""
     end = time.monotonic() + seconds
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
@@ -76,7 +76,7 @@ def recordings() -> dict[str, Recording]:
 def test_recordings_of_all_games_are_what_simulate_plays(recordings: dict[str, Recording]) -> None:
     assert tuple(recordings) == GAMES
     for game, recording in recordings.items():
-        assert not best_plays()[game].differs(recording)
+        assert not best_plays()[game].difference(recording)
         played = simulate(game, [recording.plan], fps=60, dtype="float64")
         assert (played.success[0], played.reward[0]) == (True, recording.reward)
 
@@ -151,7 +151,7 @@ def test_tapes_arrive_as_they_were_recorded(page: Page, recordings: dict[str, Re
         for entry in read["velocities"][k]:
             theirs = recording.velocities[k, entry["object"]]
             np.testing.assert_allclose([entry["vx"], entry["vy"]], theirs, atol=1 / 4)
-        assert read["gone"][k] == (recording.gone_after < k).tolist()
+        assert read["gone"][k] == (recording.last_frames < k).tolist()
 
 
 def test_hostile_names_are_text(page: Page, tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def serving(folder: Path, **options: Any) -> Iterator[PlayServer]:
 
 
 def clicker(page: Page, canvas: str) -> Callable[[float, float], None]:
-    """Return what clicks at a point of the scene."""
+    """Return a function that clicks at a point of the scene."""
     box = page.locator(canvas).bounding_box()
     assert box
     scale = box["width"] / 600
@@ -206,7 +206,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
         page.select_option("#game", label="hole")
         page.wait_for_selector("html[data-ready=hole]", timeout=60_000)
         click = clicker(page, "#board")
-        click(300, 50)  # starts, as a click anywhere does
+        click(300, 50)  # a click anywhere starts the game
         for block, frame in ((5, 30), (4, 83)):
             until(page, f"board.dataset.state === 'running' && board.dataset.frame >= {frame}")
             click(*scene.blocks[block].mean(axis=0))
@@ -225,7 +225,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
         assert "966.08" in page.inner_text("#scores")
         (line,) = read_plays(tmp_path / "attempts.jsonl")
         assert list(line.plan) == plan
-        assert not line.differs(line.record())
+        assert not line.difference(line.record())
 
         page.click("#compare-now")
         page.wait_for_selector("#deck figure:nth-child(2) canvas[data-frame]")
@@ -236,7 +236,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
 
 
 def test_play_is_smooth(page: Page, tmp_path: Path) -> None:
-    """Frames of the page while a game runs, and the wait after a click."""
+    """Measure the frame rate of the page during a game, and the delay after a click."""
     with serving(tmp_path) as server:
         page.goto(server.address)
         page.wait_for_selector("html[data-ready=support]", timeout=60_000)
@@ -302,7 +302,7 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
         before = page.evaluate("verdict.textContent")
         page.click("#undo")
         page.click("#redo")
-        page.click("#dynamic")  # of the bar that was dragged, which can be removed: not both
+        page.click("#dynamic")  # the dragged bar is removable, so it cannot also move
         until(page, "problems.children.length === 1")
         page.screenshot(path=ARTEFACTS / "editor-message.png")
         page.click("#undo")
@@ -339,7 +339,7 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
         until(page, "result.dataset.reward")
         (line,) = read_plays(tmp_path / "attempts.jsonl")
         assert line.scene == scene
-        assert not line.differs(line.record())
+        assert not line.difference(line.record())
     # What is saved trains: it makes an environment, and agents are evaluated on it.
     register("drawn-v1", [read_scene(file)])
     env, params = make("in-advance/drawn-v1")

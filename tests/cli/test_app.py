@@ -1,4 +1,4 @@
-"""The command `iphyre-jax`: what it prints, and one line for every mistake."""
+"""The command `iphyre-jax`: its output, and one line for every mistake."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import iphyre_jax
 from iphyre_jax import GAMES, SPLITS
 from iphyre_jax.cli.main import run
 
@@ -26,7 +27,7 @@ def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
-    """Support without its bars at 10 fps: 2.4 s and two removals, the best known plan, 977.6."""
+    """The best known plan of support at 10 fps: 2.4 s, two removals, a reward of 977.6."""
     plan = ["--plan", "0.1", "0.2", "--fps", "10", "--rule", "in_advance", "--resets", "2"]
     assert run(["simulate", "support", *plan]) == 0
     out = capsys.readouterr().out
@@ -50,10 +51,13 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["simulate", "suport"], "'suport'"),
         (["simulate", "missing.json"], "missing.json"),
-        (["simulate", "support", "--plan", "soon"], "plan: expected seconds or never, got 'soon'"),
+        (
+            ["simulate", "support", "--plan", "soon"],
+            "plan: expected seconds from 0 on, or never, separated by spaces, got 'soon'",
+        ),
         (["simulate", "support", "--plan", "1", "2", "3"], "plan: expected at most 2 times"),
-        (["simulate", "support", "--plan", "-1"], "negative"),
-        (["simulate", "support", "--plan", "inf"], "times: expected finite"),
+        (["simulate", "support", "--plan", "-1"], "plan: expected seconds from 0 on"),
+        (["simulate", "support", "--plan", "inf"], "plan: expected seconds from 0 on"),
         (["simulate", "support", "--fps", "25", "--rule", "in_advance"], "fps: expected a multiple of 10"),
         (["simulate", "support", "--resets", "0"], "resets: expected"),
         (["games", "--split", "advanced"], "split: expected one of"),
@@ -64,6 +68,8 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
         (["train", "--agent", "td3"], "agent, strategy: expected one of ppo in-advance"),
         (["train", "--preset", "best"], "preset: expected one of default, paper, got 'best'"),
         (["evaluate", "no-such-folder"], "no-such-folder: not a run folder"),
+        (["verify-pretrained", "no-such-policy"], "name: expected one of a2c-c, a2c-i"),
+        (["score", "no-such-file"], "no-such-file: expected a file of plays"),
         (["resume", "no-such-folder"], "no-such-folder: not a run folder"),
         (["compare"], "runs: expected at least one run folder"),
         (["compare", "no-such-folder"], "no-such-folder: not a run folder"),
@@ -88,8 +94,8 @@ def test_a_mistake_gets_one_line(
         (["train", "--fps", "ten"], "--fps"),
         (["train", "--head", "beta"], "invalid choice 'beta'"),
         (["simulate"], "A game's name or a scene file"),
-        (["nonsense"], "train, resume, evaluate, compare, simulate, games"),
-        ([], "train, resume, evaluate, compare, simulate, games"),
+        (["nonsense"], "train, resume, evaluate, compare, verify-pretrained"),
+        ([], "train, resume, evaluate, compare, verify-pretrained"),
     ],
 )
 def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,10 +105,35 @@ def test_a_wrong_option_is_named(arguments: list[str], message: str, capsys: pyt
     assert not printed.out
 
 
-@pytest.mark.parametrize("command", ["train", "resume", "evaluate", "compare", "simulate", "games"])
+@pytest.mark.parametrize(
+    "command", ["train", "resume", "evaluate", "verify-pretrained", "compare", "simulate", "games", "score"]
+)
 def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([command, "--help"]) == 0
     assert f"usage: iphyre-jax {command}" in capsys.readouterr().out
+
+
+def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"iphyre-jax {iphyre_jax.__version__}\n"
+
+
+def test_the_old_evaluate_of_a_policy_warns(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The evaluation itself takes fifty games, so it is replaced."""
+    asked: list[object] = []
+
+    def remember(command: object, console: object) -> int:
+        asked.append(command)
+        return 0
+
+    monkeypatch.setattr("iphyre_jax.cli.app._verify_pretrained", remember)
+    for command in ("verify-pretrained", "evaluate"):
+        assert run([command, "ppo-i"]) == 0
+    assert asked[0] == asked[1]
+    warning = "FutureWarning: `evaluate ppo-i` is deprecated; use `iphyre-jax verify-pretrained ppo-i`"
+    assert capsys.readouterr().err == f"iphyre-jax: {warning}\n"
 
 
 def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +165,7 @@ def test_output_that_nobody_reads_is_no_error() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        process.stdout.close()  # long before the command has anything to say
+        process.stdout.close()  # before the command prints anything
         assert process.stderr.read() == ""
         assert process.wait() == 141
 

@@ -1,4 +1,4 @@
-"""Every way to write a scene wrong is told in one line that names the file, the field and what was expected."""
+"""Each mistake in a scene gives one line that names the file, the field and the expected value."""
 
 import json
 from collections.abc import Callable
@@ -29,7 +29,7 @@ def valid_scene() -> dict[str, Any]:
 
 
 def put(value: object, field: str, *where: int) -> Change:
-    """A change that puts a value in a field, or at a place within it."""
+    """Return a change that sets a field, or an entry of it."""
 
     def change(scene: dict[str, Any]) -> None:
         owner, key = scene, field
@@ -45,7 +45,7 @@ def drop(field: str) -> Change:
 
 
 def bars_and_balls(bars: int, balls: int, eliminable: int) -> Change:
-    """A change to a scene of so many bars, in a column, and balls, in a row."""
+    """Return a change to a scene with these numbers of bars, in a column, and balls, in a row."""
 
     def change(scene: dict[str, Any]) -> None:
         scene["block"] = [[[10, 30 * i], [60, 30 * i]] for i in range(bars)]
@@ -58,7 +58,7 @@ def bars_and_balls(bars: int, balls: int, eliminable: int) -> Change:
 
 
 def pin_without_length(scene: dict[str, Any]) -> None:
-    """A change that pins the ball to the bar whose centre it stands on."""
+    """Pin the ball to the bar; both have the same centre."""
     scene["ball"], scene["joint"] = [[100, 140, 20]], [[3, 4]]
 
 
@@ -202,7 +202,7 @@ def test_wrong_field_gets_its_line(change: Change, line: str, tmp_path: Path) ->
 
 def test_sixty_and_more_are_refused() -> None:
     assert len(BAD) >= 60
-    assert len({line for _, _, line in BAD}) > 50  # and are told apart
+    assert len({line for _, _, line in BAD}) > 50  # and they differ
 
 
 def test_the_unchanged_scene_is_sound() -> None:

@@ -25,7 +25,7 @@ def scenes_of(template: int, count: int) -> list[Scene]:
 
 
 def plans(scenes: list[Scene], rng: np.random.Generator) -> np.ndarray:
-    """Some blocks go at random steps."""
+    """Return plans that remove some blocks at random steps."""
     blocks = np.array([len(scene.eliminable_blocks) for scene in scenes])
     goes = (rng.random((len(scenes), 6)) < 0.6) & (np.arange(6) < blocks[:, None])
     return np.where(goes, rng.integers(0, 100, (len(scenes), 6)), -1)

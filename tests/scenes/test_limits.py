@@ -1,4 +1,4 @@
-"""A scene of 15 objects and 8 eliminable blocks: read, refused, played as the reference does, drawn and decided on."""
+"""A scene of 15 objects and 8 eliminable blocks: reading, limits, play as in the reference, drawing, environments."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ LARGE = Limits(objects=16, blocks=9)
 
 @cache
 def large() -> Scene:
-    """A stair of eight blocks that can go, six that cannot, and a ball: one moving body, for the compiler's sake."""
+    """Return a stair of eight removable blocks, six fixed blocks and one ball: one moving body compiles fast."""
     builder = SceneBuilder("stair", LARGE)
     for k in range(8):
         builder.block((40 + 60 * k, 200 + 40 * k), (80 + 60 * k, 200 + 40 * k), eliminable=True)
@@ -144,7 +144,7 @@ def test_a_large_scene_is_simulated_as_the_reference_does() -> None:
 
 
 def _actions(strategy: str, frames: np.ndarray) -> np.ndarray:
-    """The actions by which slot s goes in frame s + 1 and no other block does."""
+    """Return the actions that remove the block of slot s in frame s + 1 and no other block."""
     if strategy == "on-the-fly":
         return np.append([0], np.arange(1, frames.size + 1))
     return np.tile(frames / 150, (1 if strategy == "in-advance" else frames.size + 1, 1)).astype(np.float32)

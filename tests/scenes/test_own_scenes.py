@@ -1,4 +1,4 @@
-"""Scenes of one's own: builder, geometry, variations, JSON Schema and the command that checks files."""
+"""Own scenes: builder, geometry, variations, JSON Schema, and the command that checks files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from iphyre_jax import GAMES, SPLITS, SceneBuilder, load_scene, simulate, vary
 from iphyre_jax.cli.main import run
 from iphyre_jax.scenes import Scene, read_scene, scene_json_schema, scene_to_dict, write_scene
 from iphyre_jax.scenes.compile import topology_of
-from iphyre_jax.scenes.geometry import Layouts, gaps, outside, remarks
+from iphyre_jax.scenes.geometry import Layouts, gaps, outside, scene_warnings
 from iphyre_jax.scenes.variations import add_blocks, jitter, mirror, scale, shift
 
 ALL_GAMES = [game for games in SPLITS.values() for game in games]
@@ -21,7 +21,7 @@ ALL_GAMES = [game for games in SPLITS.values() for game in games]
 
 def built() -> Scene:
     builder = SceneBuilder("own")
-    ball = builder.ball((250, 340))  # before the blocks: its index comes behind theirs all the same
+    ball = builder.ball((250, 340))  # added before the blocks, but its index comes after theirs
     shelf = builder.block((200, 400), (300, 400), eliminable=True)
     builder.block((200, 500), (300, 500), dynamic=True)
     builder.joint(shelf, ball)
@@ -71,7 +71,7 @@ def test_what_sticks_out_by_hand() -> None:
 
 
 def test_the_games_are_inside_and_only_one_has_overlaps() -> None:
-    odd = {game: remarks(load_scene(game)) for game in ALL_GAMES if remarks(load_scene(game))}
+    odd = {game: scene_warnings(load_scene(game)) for game in ALL_GAMES if scene_warnings(load_scene(game))}
     assert odd == {
         "multi_ball_hinder": ["ball[0]: overlaps block[4] by 3.50005 px", "ball[1]: overlaps block[5] by 3.50005 px"]
     }
@@ -145,7 +145,7 @@ def test_bad_variations_get_one_line(case: str) -> None:
 
 
 def conforms(value: Any, schema: dict[str, Any]) -> bool:
-    """Judge a value by the keywords that the schema of scenes uses."""
+    """Check a value against the keywords that the schema of scenes uses."""
     if "const" in schema or "enum" in schema:
         return value in schema.get("enum", [schema.get("const")])
     kinds = {"array": list, "object": dict, "string": str, "integer": int, "number": int | float}

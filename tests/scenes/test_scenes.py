@@ -1,4 +1,4 @@
-"""The games of the package, and scenes from and to files."""
+"""The games of the package, and reading and writing of scene files."""
 
 import dataclasses
 import hashlib
@@ -19,7 +19,7 @@ LAYOUTS_SHA256 = "2b3b35107b44d6bc9fd3c399bf037d2fcb7d39e8638f02c71d49c10d650a83
 
 
 def layouts() -> dict[str, object]:
-    """The split table and all games as the package reads them, in the words of a scene file."""
+    """Return the splits and all games as the package reads them, with the field names of scene files."""
     fields = ("block", "ball", "eli", "dynamic", "joint", "spring")
     games = {name: scene_to_dict(load_scene(name)) for name in ALL_GAMES}
     return {
@@ -135,7 +135,7 @@ NAMES = st.text(st.characters(categories=["L", "N", "P"]), min_size=1, max_size=
 
 @st.composite
 def scene_dicts(draw: st.DrawFn) -> dict[str, object]:
-    """A valid scene: some bars, of which a few are eliminable or move, some balls, and pairs with a moving member."""
+    """Draw a valid scene: bars (some eliminable, some moving), balls, and pairs with at least one moving object."""
     points = st.tuples(COORDINATES, COORDINATES)
     bars = draw(st.lists(st.tuples(points, points).filter(lambda bar: np.hypot(*np.subtract(*bar)) > 0.01), max_size=8))
     balls = draw(st.lists(st.tuples(COORDINATES, COORDINATES, st.floats(0.001, 10_000)), min_size=1, max_size=4))
@@ -185,7 +185,7 @@ def test_any_value_in_any_field_is_taken_or_told(field: str, value: object) -> N
 
 
 def told(data: object) -> list[str]:
-    """The lines of the error that the data bring about; none if they are a scene."""
+    """Return the lines of the error for these data; none if they are a valid scene."""
     try:
         scene = scene_from_dict(data, "file")
     except ValueError as error:

@@ -21,8 +21,8 @@ from iphyre_jax.adapters import FiveValues, GymnasiumEnv, GymnasiumVectorEnv, re
 from iphyre_jax.compat import GAMES, IPHYRE, MAX_ELI_OBJ_NUM, MAX_OBJ_NUM, generate_actions
 from iphyre_jax.envs import Batch, Box, Discrete, Steps, unroll
 from iphyre_jax.physics import Timing, Topology, World
-from iphyre_jax.rollouts import Outcome
-from iphyre_jax.scenes import Part, Variations
+from iphyre_jax.rollouts import EpisodeResult
+from iphyre_jax.scenes import ObjectRef, Variations
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.evaluate import evaluate as evaluate_agent
 from iphyre_jax.train.loop import resume, train
@@ -41,8 +41,8 @@ def scenes() -> Scene:
     assert_type(iphyre_jax.SPLITS, Mapping[str, tuple[str, ...]])
     limits = assert_type(Limits(20, 10), Limits)
     builder = assert_type(SceneBuilder("two shelves", limits), SceneBuilder)
-    assert_type(builder.block((200, 400), (300, 400), eliminable=True), Part)
-    assert_type(builder.ball((250, 340), radius=20), Part)
+    assert_type(builder.block((200, 400), (300, 400), eliminable=True), ObjectRef)
+    assert_type(builder.ball((250, 340), radius=20), ObjectRef)
     assert_type(iphyre_jax.vary(builder.build(), 7, jitter_px=20), Variations)
     scene = assert_type(iphyre_jax.load_scene("hole"), Scene)
     assert_type(scene.eliminable_blocks, tuple[int, ...])
@@ -59,7 +59,7 @@ def simulations(scene: Scene) -> None:
 
 
 def lanes(topology: Topology, world: World, timing: Timing, plan: jax.Array) -> None:
-    assert_type(iphyre_jax.rollout(topology, world, timing, plan, plan[0]), Outcome)
+    assert_type(iphyre_jax.rollout(topology, world, timing, plan, plan[0]), EpisodeResult)
 
 
 def environments(scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""The replay page: self-contained, tapes that hold the frames, text that stays text."""
+"""The replay page: it is self-contained, its tapes hold the frames, and text stays text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from iphyre_jax import SceneBuilder, load_scene
 from iphyre_jax.viewer import pack
-from iphyre_jax.viewer.page import SCRIPTS, in_script, page_file, replay_page
+from iphyre_jax.viewer.page import SCRIPTS, json_for_script, page_file, replay_page
 from iphyre_jax.viewer.play.server import SCRIPTS as PLAY_SCRIPTS
 from iphyre_jax.viewer.recording import Recording, record
 from iphyre_jax.viewer.sheets import start_of
@@ -27,7 +27,7 @@ def solved() -> Recording:
 
 
 def test_a_tape_holds_the_frames(solved: Recording) -> None:
-    """Read as `pages/tape.js` reads it; the browser tests compare the two."""
+    """Unpack the tape like `pages/tape.js`; the browser tests check that script."""
     grown = np.frombuffer(zlib.decompress(base64.b64decode(pack.pack_tape(solved))), "<i4").astype(np.int64)
     frames = solved.steps + 1
     columns = grown[: 5 * frames].reshape(5, frames).cumsum(axis=1)
@@ -71,11 +71,11 @@ def test_names_cannot_end_the_data(solved: Recording) -> None:
 
 
 def test_json_for_scripts_has_no_markup() -> None:
-    assert "<" not in in_script({"<a>": ["</script>", "<!--", "]]>"]})
+    assert "<" not in json_for_script({"<a>": ["</script>", "<!--", "]]>"]})
 
 
 def test_pages_write_text_never_markup() -> None:
-    """No script makes elements from text, or code from text."""
+    """No script turns text into elements or code."""
     markup = re.compile(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function")
     for name in {*SCRIPTS, *PLAY_SCRIPTS}:
         assert not markup.search(page_file(name)), name

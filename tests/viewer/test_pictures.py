@@ -1,4 +1,4 @@
-"""Frames, films and sheets: what they show, and that files are what they say."""
+"""Frames, films and sheets: their contents, and the format of the files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def solved() -> Recording:
 
 @pytest.mark.parametrize("game", ["hole", "spring", "impulse_pendulum"])
 def test_the_official_theme_is_the_official_picture(game: str) -> None:
-    """Against `iphyre_jax.observations.drawing`, which `make parity-official` checks: only edges may differ."""
+    """Compare with `iphyre_jax.observations.drawing`, as checked against the official class: edges may differ."""
     scene = load_scene(game)
     theirs = picture(SteppedWorld(scene, fps=60, resets=1)).astype(int)
     ours = still(start_of(scene), Look(theme="official", captions=False)).astype(int)

@@ -1,4 +1,4 @@
-"""Files of plays: what is written is read, and what is wrong is told in one line."""
+"""Files of plays: what is written can be read, and each mistake gives one line."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     assert first.scene == load_scene("hole")
     assert second.scene == builder.build()
     assert (first.agent, second.plan) == ("<b>", (60,))
-    assert not first.differs(first.record())
+    assert not first.difference(first.record())
     assert first.record().success
-    told = replace(first, result={**(first.result or {}), "steps": 1}).differs(first.record())
-    assert told == "steps 1, now 261"
+    difference = replace(first, result={**(first.result or {}), "steps": 1}).difference(first.record())
+    assert difference == "steps 1, now 261"
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_the_best_plans_are_for_the_forty_games() -> None:
 
     assert tuple(best_plays()) == GAMES
     for game in ("support", "hole", "noisy_hole"):  # all forty: make test-browser
-        assert not best_plays()[game].differs(best_plays()[game].record())
+        assert not best_plays()[game].difference(best_plays()[game].record())
     solved = [play.result["solved"] for play in best_plays().values() if play.result]
     assert solved == [True] * 40
 
@@ -139,11 +139,16 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     page = tmp_path / "replay.html"
     assert run(["replay", str(plays), "-o", str(page)]) == 0
     assert "2 plays" in capsys.readouterr().out
-    assert run(["evaluate", str(plays)]) == 0
-    printed = capsys.readouterr().out
-    assert "somebody at 60 steps a second" in printed
-    assert "975.65" in printed
-    assert "966.08" in printed  # the paper's people
+    assert run(["score", str(plays)]) == 0
+    printed = capsys.readouterr()
+    assert "somebody at 60 steps a second" in printed.out
+    assert "975.65" in printed.out
+    assert "966.08" in printed.out  # the paper's people
+    assert not printed.err
+    assert run(["evaluate", str(plays)]) == 0  # as it was called before
+    again = capsys.readouterr()
+    assert again.out == printed.out
+    assert again.err == f"iphyre-jax: FutureWarning: `evaluate {plays}` is deprecated; use `iphyre-jax score {plays}`\n"
 
 
 @pytest.mark.parametrize(
@@ -152,11 +157,12 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
         (["render", "hol", "-o", "a.png"], "scene: expected the name of a game"),
         (["render", "hole", "-o", "a.bmp"], "expected a name that ends in"),
         (["render", "all", "-o", "a.mp4"], "expected a name that ends in .png"),
-        (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds or never"),
+        (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds from 0 on, or never"),
         (["render", "best", "--game", "nothing", "-o", "a.png"], "game: expected one that best has plays of"),
         (["replay", "none.jsonl"], "none.jsonl: expected a file of plays"),
         (["replay", "best", "--games", "nothing"], "games: expected scenes"),
         (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),
+        (["score", "none.jsonl"], "none.jsonl: expected a file of plays"),
         (["play", "--port", "70000"], "port: expected"),
         (["play", "--name", "a\x1bb"], "name: expected"),
         (["play", "--attempts", "no/where.jsonl"], "expected a file in a folder that exists"),

@@ -1,4 +1,4 @@
-"""Recordings are what `simulate` computes, frame by frame."""
+"""Recordings hold what `simulate` computes, frame by frame."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_frames_begin_at_the_scene_and_end_with_success(solved: Recording) -> No
 
 
 def test_velocities_are_those_that_move_the_ball(solved: Recording) -> None:
-    """In free fall, without contact and hence without bias, a step moves by the velocity of the frame before."""
+    """In free fall there is no contact and no bias: a step moves the ball by the velocity of the frame before."""
     free = np.isnan(solved.contacts[:, :, 0]).all(axis=1)
     falling = np.flatnonzero(free[:-2] & free[1:-1] & free[2:])
     assert len(falling) > 50
@@ -60,7 +60,7 @@ def test_contacts_lie_on_the_border_of_the_ball(solved: Recording) -> None:
 
 
 def test_blocks_are_gone_after_the_frame_of_their_step(solved: Recording) -> None:
-    assert solved.gone_after.tolist() == [261, 261, 261, 261, 83, 32, 261]
+    assert solved.last_frames.tolist() == [261, 261, 261, 261, 83, 32, 261]
 
 
 def test_poses_from_elsewhere_make_a_recording() -> None:

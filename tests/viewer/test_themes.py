@@ -1,4 +1,4 @@
-"""The default colours can be told apart by people with each common form of colour blindness."""
+"""People with any common form of colour blindness can distinguish the default colours."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CLEAR = 20.0  # CIE 1976 difference; 2.3 is just noticeable
 
 
 def lab(colour: tuple[int, int, int], seen_by: str) -> np.ndarray:
-    """CIE Lab (D65) of a colour in sRGB, as somebody sees it."""
+    """Return the CIE Lab (D65) value of an sRGB colour, as a person with this colour vision sees it."""
     share = np.array(colour) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     linear = (SEEN_BY[seen_by] @ linear).clip(0, 1)
@@ -49,7 +49,7 @@ def test_kinds_of_objects_differ_for_everybody(name: str, seen_by: str) -> None:
 @pytest.mark.parametrize("name", ["modern", "dark"])
 @pytest.mark.parametrize("kind", ["text", "quiet", "solved", "failed"])
 def test_text_can_be_read(name: str, kind: str) -> None:
-    """A contrast of 4.5, as WCAG 2 asks for."""
+    """WCAG 2 requires a contrast of 4.5."""
 
     def light(colour: tuple[int, int, int]) -> float:
         share = np.array(colour) / 255

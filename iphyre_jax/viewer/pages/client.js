@@ -1,5 +1,5 @@
 "use strict";
-// The server's calls. The page stands at http://127.0.0.1:PORT/TOKEN/, so relative addresses carry the token.
+// Calls of the server. The page is at http://127.0.0.1:PORT/TOKEN/, so relative addresses include the token.
 
 async function call(name, fields = {}) {
   const headers = { "Content-Type": "application/json" };

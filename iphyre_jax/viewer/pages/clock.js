@@ -1,5 +1,5 @@
 "use strict";
-// The clock: time of a play in seconds, which runs, stands, jumps and repeats. It calls `tick` whenever it has changed.
+// The clock: the time of a play in seconds. It can run, stop, jump and loop, and calls `tick` after every change.
 
 class Clock {
   constructor(tick) {
@@ -50,5 +50,5 @@ class Clock {
   }
 }
 
-/** The frame that is shown at a time; the small part keeps a time that stands for a frame from rounding below it. */
+/** The frame at a time. The small number makes up for rounding, so that the time of a frame gives that frame. */
 const frameAt = (seconds, tape) => Math.min(tape.frames - 1, Math.floor(seconds * tape.fps + 1e-6));

@@ -1,7 +1,7 @@
 "use strict";
-// The deck: plays side by side under one clock, with the controls that go with it.
+// The deck: plays side by side with one clock and one set of controls.
 
-/** Make an element; text is always text, never markup. */
+/** Make an element. Text is always inserted as text, never as markup. */
 function make(tag, properties = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(properties)) {
@@ -15,9 +15,9 @@ function make(tag, properties = {}, ...children) {
 const seconds = (value) => `${value.toFixed(2)} s`;
 const points = (value) => value.toFixed(2);
 
-/** How a play ended, in words. */
+/** The result of a play in words. */
 function endOf(play) {
-  const state = play.fault ? `unsound (fault ${play.fault})` : play.solved ? "solved" : "not solved";
+  const state = play.fault ? `invalid physics (fault ${play.fault})` : play.solved ? "solved" : "not solved";
   const removed = `${play.eliminations} block${play.eliminations === 1 ? "" : "s"} removed`;
   return `${state} · ${points(play.reward)} · ${seconds(play.steps / play.fps)} · ${removed} · ${play.fps} steps/s`;
 }
@@ -40,7 +40,7 @@ class Deck {
     this.slider = make("input", { type: "range", min: 0, max: 0, step: 1, value: 0, className: "scrub" });
     this.slider.setAttribute("aria-label", "frame");
     this.slider.oninput = () => {
-      const frame = Number(this.slider.value); // stopping shows the frame of now, on the slider too
+      const frame = Number(this.slider.value); // read it first: stopping moves the slider to the current frame
       this.clock.stop();
       this.clock.jump(frame / this.rate);
     };
@@ -65,7 +65,7 @@ class Deck {
     row.append(
       this.playButton,
       button("‹ step", "one step back (left arrow)", () => this.step(-1)),
-      button("step ›", "one step on (right arrow)", () => this.step(1)),
+      button("step ›", "one step forward (right arrow)", () => this.step(1)),
       this.slider,
       this.time,
     );
@@ -80,11 +80,11 @@ class Deck {
     return make("div", { className: "controls" }, row, more);
   }
 
-  /** Show plays: a list of {title, play, scene}; tapes are opened here. */
+  /** Show plays, a list of {title, play, scene}; this opens their tapes. */
   async load(entries) {
     const turn = (this.turn = (this.turn || 0) + 1);
     const tapes = await Promise.all(entries.map(({ play, scene }) => openTape(play, scene)));
-    if (turn !== this.turn) return; // something else has been asked for meanwhile
+    if (turn !== this.turn) return; // another call came later
     this.clock.stop();
     this.panels = entries.map((entry, i) => this._panel(entry, tapes[i]));
     this.stages.replaceChildren(...this.panels.map((panel) => panel.figure));
@@ -103,7 +103,7 @@ class Deck {
     return { figure, canvas, stage: new Stage(canvas, this.theme), play, scene, tape, title };
   }
 
-  /** The frame of the fastest tape that is shown. */
+  /** The current frame at the highest frame rate of the plays. */
   get frame() {
     return Math.floor(this.clock.now * this.rate + 1e-6);
   }
@@ -113,7 +113,7 @@ class Deck {
     this.clock.jump((this.frame + frames) / this.rate);
   }
 
-  /** Draw everything as it is at the clock's time. */
+  /** Draw everything at the time of the clock. */
   show() {
     this.playButton.textContent = this.clock.running ? "Pause" : "Play";
     if (!this.panels.length) return;
@@ -139,7 +139,7 @@ class Deck {
     canvas.dataset.frame = k;
   }
 
-  /** Do what a key says; true if it says something. */
+  /** Handle a key; return whether it has a meaning. */
   key(event) {
     const typing = event.target.closest("input:not([type=range], [type=checkbox]), textarea, select");
     if (event.ctrlKey || event.metaKey || event.altKey || typing) return false;
@@ -166,13 +166,13 @@ class Deck {
   }
 }
 
-/** How much of an object is seen: 1 while it is there, then it fades. */
+/** Opacity of an object: 1 while it is present, then it fades. */
 function shareAt(tape, object, k) {
   const gone = tape.goneFor(object, k);
   return gone <= 0 ? 1 : Math.max(0, 1 - gone / (FADE * tape.fps));
 }
 
-/** Where the balls have been in the last 4 s. */
+/** The paths of the balls in the last 4 s. */
 function trailsOf(scene, tape, k) {
   const first = Math.max(0, k - 4 * tape.fps);
   const count = Math.min(60, k - first);
@@ -181,7 +181,7 @@ function trailsOf(scene, tape, k) {
   return scene.ball.map((_, b) => poses.map((pose) => pose[scene.block.length + b].slice(0, 2)));
 }
 
-/** Light or dark, as the device says until the reader says otherwise. */
+/** The colours: those of the device, until the user chooses others. */
 class Look {
   constructor(themes, button, changed) {
     this.themes = themes;

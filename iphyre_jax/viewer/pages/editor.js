@@ -1,8 +1,8 @@
 "use strict";
-// The scene editor: objects are placed, dragged by their middle, turned and stretched by their ends, marked and tied.
-// It says nothing about what is valid; the server's validator does, after every change.
+// The scene editor: place, drag, turn, stretch, mark and connect objects. After every change the server checks whether
+// the scene is valid.
 
-const GRID_STEP = 5; // px, where things snap to; with alt held they do not
+const GRID_STEP = 5; // px, grid to which points snap unless alt is held
 const HANDLE = 9; // px, radius of a handle
 
 const EMPTY_SCENE = () => ({
@@ -11,7 +11,7 @@ const EMPTY_SCENE = () => ({
 });
 
 class Editor {
-  /** stage: where it is drawn; on: {change(scene), check(answer)}. */
+  /** stage: draws the scene; on: {change(scene), check(answer)}. */
   constructor(stage, on) {
     this.stage = stage;
     this.on = on;
@@ -20,7 +20,7 @@ class Editor {
     this.selected = null;
     this.past = [];
     this.future = [];
-    this.answer = { problems: [], remarks: [], file: null };
+    this.answer = { problems: [], warnings: [], file: null };
     this.turn = 0;
   }
 
@@ -29,7 +29,7 @@ class Editor {
     this.change(() => (this.scene = { joint: [], spring: [], ...structuredClone(fields) }));
   }
 
-  /** Do something to the scene that can be undone. */
+  /** Change the scene in a way that can be undone. */
   change(act) {
     this.past.push(JSON.stringify(this.scene));
     if (this.past.length > 200) this.past.shift();
@@ -59,7 +59,7 @@ class Editor {
     this.draw();
     this.on.change(this.scene);
     const turn = ++this.turn;
-    const unknown = (error) => ({ problems: [error.message], remarks: [], file: null });
+    const unknown = (error) => ({ problems: [error.message], warnings: [], file: null });
     const answer = await call("check", { scene: this.scene }).catch(unknown);
     if (turn !== this.turn) return; // the scene has changed since
     this.answer = answer;
@@ -67,7 +67,7 @@ class Editor {
     this.on.check(answer);
   }
 
-  /** Put a pointer down. */
+  /** Handle a press of the pointer. */
   press(point, free) {
     const at = this._snap(point, free);
     const part = this._partAt(point);
@@ -75,7 +75,7 @@ class Editor {
     if (this.tool === "bar") this._place(() => this._addBar([at[0] - 50, at[1]], [at[0] + 50, at[1]]));
     else if (this.tool === "ball") this._place(() => this._addBall(at));
     else if (this.tool === "delete") part && this.delete(part.object);
-    else if (this.tool === "joint" || this.tool === "spring") this._tie(part);
+    else if (this.tool === "joint" || this.tool === "spring") this._connect(part);
     else {
       this.selected = part ? part.object : null;
       this.drag = part && { ...part, from: point, before: structuredClone(this.scene), moved: false };
@@ -118,14 +118,14 @@ class Editor {
     this.change(() => (this.scene = after));
   }
 
-  /** Turn a mark of the selected bar on or off: "eli" or "dynamic". */
+  /** Switch a flag of the selected bar: "eli" or "dynamic". */
   mark(kind) {
     const bar = this.selected;
     if (bar === null || bar >= this.scene.block.length) return;
     this.change(() => (this.scene[kind][bar] = this.scene[kind][bar] ? 0 : 1));
   }
 
-  /** Turn the selected bar about its middle, or make it longer. */
+  /** Turn the selected bar about its centre, or change its length. */
   reshape(degrees, stretch) {
     const bar = this.selected;
     if (bar === null || bar >= this.scene.block.length) return;
@@ -192,17 +192,17 @@ class Editor {
     return scene.block.length + scene.ball.length - 1;
   }
 
-  /** Tie the object to the one that was pressed before. A tie that is there already goes. */
-  _tie(part) {
+  /** Connect the object to the one pressed before, or remove their connection. */
+  _connect(part) {
     if (!part) return;
     const first = this.first;
     this.selected = part.object;
     this.first = first === null || first === undefined ? part.object : null;
     if (this.first !== null) return void this.draw();
-    const tied = (pair) => pair.includes(first) && pair.includes(part.object);
+    const connected = (pair) => pair.includes(first) && pair.includes(part.object);
     const pairs = this.scene[this.tool];
     this.change(() => {
-      this.scene[this.tool] = pairs.some(tied) ? pairs.filter((pair) => !tied(pair)) : [...pairs, [first, part.object]];
+      this.scene[this.tool] = pairs.some(connected) ? pairs.filter((pair) => !connected(pair)) : [...pairs, [first, part.object]];
     });
   }
 
@@ -210,7 +210,7 @@ class Editor {
     return point.map((value) => (free ? Math.round(value * 1000) / 1000 : Math.round(value / GRID_STEP) * GRID_STEP));
   }
 
-  /** What a pointer takes hold of: handles of the selected object first. */
+  /** The part under the pointer; handles of the selected object come first. */
   _partAt(point) {
     const { scene, selected } = this;
     const near = ([x, y]) => Math.hypot(point[0] - x, point[1] - y) <= HANDLE + 3;
@@ -220,7 +220,7 @@ class Editor {
     return object === null ? null : { object, handle: "middle" };
   }
 
-  /** The selected object's handles: the ends of a bar, the edge of a ball. */
+  /** The handles of the selected object: the ends of a bar, the edge of a ball. */
   _handles() {
     const { scene, selected } = this;
     if (selected === null) return [];
@@ -232,7 +232,7 @@ class Editor {
   draw() {
     const { scene, stage } = this;
     const poses = restingPoses(scene);
-    const wrong = new Set([...this.answer.problems, ...this.answer.remarks].map((line) => objectOf(line, scene)));
+    const wrong = new Set([...this.answer.problems, ...this.answer.warnings].map((line) => objectOf(line, scene)));
     const bad = [...wrong].filter((object) => object !== null && object < poses.length);
     const all = scene.block.length + scene.ball.length;
     const sound = (pairs) => pairs.filter((pair) => pair.every((index) => index < all));
@@ -248,20 +248,20 @@ class Editor {
   }
 }
 
-/** The object that a line of the validator speaks of, or null: "block[2][0]: ...", "ball[0]: ...", "eli[3]: ...". */
+/** The object that a line of the check names, or null: "block[2][0]: ...", "ball[0]: ...", "eli[3]: ...". */
 function objectOf(line, scene) {
   const found = /^(block|ball|eli|dynamic)\[(\d+)\]/.exec(line);
   if (!found) return null;
   return Number(found[2]) + (found[1] === "ball" ? scene.block.length : 0);
 }
 
-/** Write the validator's lines on the canvas: beside the object they speak of, else in the upper left corner. */
+/** Write the lines of the check on the canvas: near the object they name, or in the upper left corner. */
 function drawMessages(pen, theme, answer, scene) {
   const poses = restingPoses(scene);
   pen.font = "13px system-ui, sans-serif";
   pen.textBaseline = "middle";
   let corner = 16;
-  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.remarks.map((text) => [text, theme.quiet])];
+  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.warnings.map((text) => [text, theme.quiet])];
   const taken = new Map();
   for (const [text, colour] of lines.slice(0, 12)) {
     const object = objectOf(text, scene);

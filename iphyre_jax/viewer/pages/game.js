@@ -1,22 +1,22 @@
 "use strict";
-// A game under way. The server has computed all frames of the plan so far; the page shows them in real time. A click
-// adds a removal before the step of the frame that is shown; then time stands until the server has computed the rest.
+// A running game. The server has computed all frames for the current plan; the page shows them in real time. A click
+// adds a removal before the step of the current frame. Then time stops until the server has computed the new frames.
 
 class Game {
-  /** stage: where it is shown; on: {change(), end(result)}. */
+  /** stage: draws the game; on: {change(), end(result)}. */
   constructor(stage, on) {
     this.stage = stage;
     this.on = on;
     this.state = "empty"; // empty, ready, running, waiting, over
   }
 
-  /** Get ready for an attempt at a scene, whose play without removals is known. */
+  /** Prepare an attempt at a scene; `play` is its play without removals. */
   async ready(scene, play) {
     this.scene = scene;
     this.blocks = eliminableBlocks(scene);
     this.plan = this.blocks.map(() => -1);
     const tape = await openTape(play, scene);
-    if (this.scene !== scene) return; // another scene has been chosen meanwhile
+    if (this.scene !== scene) return; // the user has chosen another scene
     Object.assign(this, { play, tape, time: 0, hint: null, shown: 0 });
     this._become("ready");
   }
@@ -27,7 +27,7 @@ class Game {
     this._run();
   }
 
-  /** A click or tap on a point of the scene. */
+  /** Handle a click or tap on a point of the scene. */
   press(point) {
     if (this.state === "ready") this.start();
     else if (this.state === "running") this.remove(this._under(point));
@@ -38,7 +38,7 @@ class Game {
     this.draw();
   }
 
-  /** Take a block away before the step of the frame that is shown, of each step at most one and none before the first. */
+  /** Remove a block before the step of the current frame: at most one block per step, none before step 1. */
   async remove(block) {
     const column = this.blocks.indexOf(block);
     if (column < 0 || this.plan[column] >= 0 || this.state !== "running") return;
@@ -53,7 +53,7 @@ class Game {
       if (this.scene !== scene || this.state !== "waiting") return;
       Object.assign(this, { play, tape, hint: null });
     } catch (error) {
-      this.plan[column] = -1; // the server did not answer: nothing has been removed
+      this.plan[column] = -1; // the server did not answer, so nothing is removed
       throw error;
     } finally {
       if (this.scene === scene && this.state === "waiting") {
@@ -63,7 +63,7 @@ class Game {
     }
   }
 
-  /** Leave out the rest of the time. */
+  /** Skip the rest of the time. */
   finish() {
     if (this.state !== "running") return;
     this.time = (this.tape.frames - 1) / this.tape.fps;
@@ -83,14 +83,14 @@ class Game {
 
   _under(point) {
     const there = this.blocks.filter((block, column) => this.plan[column] < 0);
-    return objectAt(this.scene, this.tape.pose(this.shown), there, point, 8); // a finger is not a needle
+    return objectAt(this.scene, this.tape.pose(this.shown), there, point, 8); // 8 px of tolerance, for fingers
   }
 
   _run() {
     let before = null;
     const frame = (now) => {
       if (this.state !== "running") return;
-      if (before !== null) this.time += Math.min(0.1, (now - before) / 1000); // a hidden page does not run away
+      if (before !== null) this.time += Math.min(0.1, (now - before) / 1000); // a hidden page does not jump ahead
       before = now;
       this._show();
       if (this.state === "running") requestAnimationFrame(frame);
@@ -116,5 +116,5 @@ class Game {
   }
 }
 
-/** How the server is told of a scene: a game by its name, another by its contents. */
+/** What to send for a scene: the name of a game, or the contents of another scene. */
 const nameOrScene = (scene) => scene.known || scene;

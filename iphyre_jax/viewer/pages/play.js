@@ -10,11 +10,11 @@ class PlayPage {
     const redraw = () => [this.game, this.deck, this.editor].forEach((part) => part && (part.draw || part.show).call(part));
     this.look = new Look(start.themes, byId("look"), redraw);
     const theme = () => this.look.colours;
-    this.game = new Game(new Stage(byId("board"), theme), { change: () => this.tell(), end: (end) => this.ended(end) });
+    this.game = new Game(new Stage(byId("board"), theme), { change: () => this.showState(), end: (end) => this.ended(end) });
     this.deck = new Deck(byId("deck"), theme);
     this.editor = new Editor(new Stage(byId("sketch"), theme), {
-      change: (scene) => this.tellScene(scene),
-      check: (answer) => this.tellCheck(answer),
+      change: (scene) => this.showScene(scene),
+      check: (answer) => this.showCheck(answer),
     });
     byId("source").textContent = `Paper: ${start.source.source}. ${start.source.protocol}.`;
     this.fillGames();
@@ -78,7 +78,7 @@ class PlayPage {
     document.addEventListener("keydown", (event) => this.attempt(() => this.key(event)));
   }
 
-  /** Do something, and show what goes wrong in words. */
+  /** Do something, and show an error if it fails. */
   async attempt(act) {
     try {
       byId("error").hidden = true;
@@ -108,16 +108,16 @@ class PlayPage {
     return this.choose();
   }
 
-  /** Take the game that is chosen. */
+  /** Take the chosen game. */
   async choose() {
     await this.take(this.scenes[Number(byId("game").value)]);
     if (this.shown === "compare") await this.compare();
   }
 
-  /** Take a scene: a game's name or a scene's contents. */
+  /** Take a scene: the name of a game or the contents of a scene. */
   async take(wanted) {
     const turn = (this.turns = (this.turns || 0) + 1);
-    byId("status").textContent = "preparing the simulator; the first time takes some seconds …";
+    byId("status").textContent = "Preparing the simulator. The first time takes a few seconds …";
     document.documentElement.dataset.ready = "";
     const answer = await call("game", { scene: wanted.known || wanted });
     if (turn !== this.turns) return;
@@ -130,20 +130,20 @@ class PlayPage {
     document.documentElement.dataset.ready = this.scene.name;
   }
 
-  /** Get ready for the next attempt. */
+  /** Prepare the next attempt. */
   async prepare() {
     byId("result").textContent = "";
     byId("name").textContent = this.scene.name;
     byId("compare-now").hidden = true;
     await this.game.ready(this.scene, this.untouched);
-    this.tellScores();
+    this.showScores();
   }
 
-  /** The game is over: the server computes and saves the score. */
+  /** The game is over: let the server compute and save the score. */
   ended({ plan }) {
     return this.attempt(async () => {
       const scene = this.scene;
-      if (!this.standing.left) return void (byId("result").textContent = "not counted: all attempts are used");
+      if (!this.standing.left) return void (byId("result").textContent = "Not counted: all attempts are used");
       const answer = await call("attempt", { scene: nameOrScene(scene), plan });
       if (scene !== this.scene) return;
       this.standing = answer.standing;
@@ -153,40 +153,40 @@ class PlayPage {
       byId("result").dataset.plan = JSON.stringify(play.plan);
       byId("result").dataset.reward = play.reward;
       byId("compare-now").hidden = false;
-      this.tellScores();
+      this.showScores();
     });
   }
 
   /** Show time and buttons. */
-  tell() {
+  showState() {
     const { game } = this;
     if (game.state === "empty") return;
     byId("time").textContent = seconds(game.shown / game.tape.fps);
-    byId("start").textContent = game.state === "over" ? "Once more" : "Start";
+    byId("start").textContent = game.state === "over" ? "Try again" : "Start";
     const used = game.state === "over" && !this.standing.left;
     byId("start").disabled = game.state === "running" || game.state === "waiting" || used;
     byId("finish").disabled = game.state !== "running";
   }
 
-  tellScores() {
+  showScores() {
     const { standing, answer } = this;
     const { figures, best } = answer;
     const rewards = standing.rewards.map(points).join(", ");
     const left = `${standing.left} of ${this.start.attempts} attempts left`;
     byId("standing").textContent = rewards ? `${left}; so far ${rewards}` : left;
     byId("again").hidden = standing.left > 0;
-    this.tell();
+    this.showState();
     const rows = [["your best", standing.best, true]];
-    if (figures.human !== undefined) rows.push(["people's mean, best of five attempts (paper)", figures.human]);
-    if (figures.oracle_split !== undefined) rows.push([`oracle's mean over ${figures.split} (paper)`, figures.oracle_split]);
-    if (best) rows.push(["best plan known here", best.reward]);
+    if (figures.human !== undefined) rows.push(["people: mean of the best of five attempts (paper)", figures.human]);
+    if (figures.oracle_split !== undefined) rows.push([`oracle: mean over ${figures.split} (paper)`, figures.oracle_split]);
+    if (best) rows.push(["best known plan", best.reward]);
     byId("scores").replaceChildren(...rows.map(([who, value, own]) => row(who, value, own)));
     const agents = Object.entries(figures.agents || {});
     byId("agents").hidden = byId("source").hidden = !agents.length;
     byId("agents").querySelector("table").replaceChildren(...agents.map(([who, value]) => row(who, value)));
   }
 
-  /** Plays of this scene: the person's attempts, the best plan known, agents. */
+  /** Plays of this scene: own attempts, the best known plan, agents. */
   async compare() {
     this.plays = await call("agents", { scene: nameOrScene(this.scene) });
     const label = (play) => `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s`;
@@ -197,7 +197,7 @@ class PlayPage {
     byId("right").replaceChildren(make("option", { value: "", textContent: "nobody" }), ...this.plays.map(option));
     byId("left").value = mine >= 0 ? mine : other;
     byId("right").value = mine >= 0 && other >= 0 ? other : "";
-    if (!this.plays.length) byId("status").textContent = "nobody has played this scene yet";
+    if (!this.plays.length) byId("status").textContent = "Nobody has played this scene yet";
     await this.loadDeck();
   }
 
@@ -207,7 +207,7 @@ class PlayPage {
     if (plays.length) await this.deck.load(plays.map((play) => ({ title: play.agent, play, scene: this.scene })));
   }
 
-  tellScene(scene) {
+  showScene(scene) {
     const { editor } = this;
     if (document.activeElement !== byId("scene-name")) byId("scene-name").value = scene.name;
     for (const tool of document.querySelectorAll("[data-tool]")) {
@@ -220,18 +220,18 @@ class PlayPage {
     byId("redo").disabled = !editor.future.length;
   }
 
-  tellCheck({ problems, remarks, file }) {
+  showCheck({ problems, warnings, file }) {
     const items = (lines) => lines.map((textContent) => make("li", { textContent }));
     byId("verdict").textContent = file ? "The scene is valid" : "The scene is not valid yet";
     byId("problems").replaceChildren(...items(problems));
-    byId("remarks").replaceChildren(...items(remarks));
+    byId("warnings").replaceChildren(...items(warnings));
     byId("run").disabled = byId("save").disabled = !file;
   }
 
-  /** Play the scene that is being drawn. */
+  /** Play the scene in the editor. */
   async runScene() {
     await this.take(structuredClone(this.editor.scene));
-    byId("game").selectedIndex = -1; // it is none of the list
+    byId("game").selectedIndex = -1; // it is not in the list
     await this.mode("play");
   }
 
@@ -267,7 +267,7 @@ class PlayPage {
         event.preventDefault();
         this.game.start();
       }
-      // 1 to 6 take away the blocks in the order of a plan, for those who do not point.
+      // 1 to 6 remove the blocks in the order of the plan, for people who do not use a pointer.
       if (/^[1-6]$/.test(event.key) && this.game.state === "running") {
         return this.game.remove(this.game.blocks[Number(event.key) - 1]);
       }
@@ -303,7 +303,7 @@ function row(who, value, own = false) {
   try {
     const page = new PlayPage(await call("start"));
     page.shown = "play";
-    byId("keys").textContent = "Keys: space starts, 1 to 6 take away the blocks in their order.";
+    byId("keys").textContent = "Keys: space starts the game; 1 to 6 remove the blocks in order.";
     await page.attempt(() => page.choose());
   } catch (error) {
     byId("error").textContent = error.message;

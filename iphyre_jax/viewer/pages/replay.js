@@ -1,5 +1,5 @@
 "use strict";
-// The replay page: choose a game and who plays it, one or two side by side.
+// The replay page: choose a game and one or two plays of it.
 
 function startReplay(data) {
   const byId = (id) => document.getElementById(id);

@@ -1,18 +1,18 @@
 "use strict";
-// The stage: a canvas that shows a scene in some pose. It draws what it is told and knows nothing of time.
+// The stage: a canvas that draws a scene in given poses. It knows nothing about time.
 
-const SIDE = 600; // px of the scene that are shown
+const SIDE = 600; // px, visible part of the scene
 const BAR_RADIUS = 10;
 const FADE = 0.4; // s in which a removed block fades
 
 class Stage {
-  /** theme: a function that returns the colours of now, as the page may turn dark. */
+  /** theme: a function that returns the current colours; the user can change them. */
   constructor(canvas, theme) {
     this.canvas = canvas;
     this.theme = theme;
   }
 
-  /** Pixels of the canvas for one of the scene; the canvas follows its size on the page. */
+  /** Fit the canvas to its size on the page; return canvas pixels per pixel of the scene. */
   fit() {
     const shown = this.canvas.clientWidth || SIDE;
     const side = Math.round(shown * (window.devicePixelRatio || 1));
@@ -69,7 +69,7 @@ function barEnds(scene, bar, [x, y, angle]) {
   return [[ax - cx, ay - cy], [bx - cx, by - cy]].map(([u, v]) => [x + u * cos - v * sin, y + u * sin + v * cos]);
 }
 
-/** Distance of a point from an object's border, px; below 0 inside. */
+/** Distance of a point from the border of an object, px; negative inside. */
 function distanceTo(scene, object, pose, [px, py]) {
   if (object >= scene.block.length) {
     return Math.hypot(px - pose[0], py - pose[1]) - scene.ball[object - scene.block.length][2];
@@ -146,7 +146,7 @@ function drawJoint(pen, theme, [ax, ay], [bx, by]) {
   disc(pen, bx, by, 5, theme.joint);
 }
 
-/** A zigzag over the middle 0.6 of the way, a crest every 0.05 of it, 6 px high: as iphyre_jax/drawing.py. */
+/** A zigzag in the middle 0.6 of the length, with a crest 6 px high every 0.05: as in observations/drawing.py. */
 function drawSpring(pen, theme, [ax, ay], [bx, by]) {
   const length = Math.hypot(bx - ax, by - ay) || 1;
   const [nx, ny] = [(-(by - ay) / length) * 6, ((bx - ax) / length) * 6];
@@ -175,7 +175,7 @@ function drawTrail(pen, theme, points) {
   pen.globalAlpha = 1;
 }
 
-/** An arrow as long as the way of a quarter second. */
+/** An arrow as long as the distance covered in a quarter of a second. */
 function drawArrow(pen, theme, [x, y], vx, vy) {
   const [dx, dy] = [vx / 4, vy / 4];
   const length = Math.hypot(dx, dy);
@@ -195,7 +195,7 @@ function drawContact(pen, theme, [x, y]) {
   polyline(pen, theme.contact, [[x, y - 5], [x, y + 5]]);
 }
 
-/** A line around an object, so many px apart from it. */
+/** A line around an object, `apart` px away from it. */
 function drawHalo(pen, scene, object, pose, colour, apart, dash) {
   pen.strokeStyle = colour;
   pen.lineWidth = 2;

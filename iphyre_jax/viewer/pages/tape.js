@@ -1,5 +1,5 @@
 "use strict";
-// Tapes: the frames of a play, as iphyre_jax/viewer/pack.py writes them.
+// Tapes: the frames of a play, packed by iphyre_jax/viewer/pack.py.
 
 const UNITS = { length: 1 / 64, angle: 1 / 4096, speed: 1 / 4, contact: 1 / 4 };
 
@@ -54,12 +54,12 @@ async function openTape(play, scene) {
       }
       return points;
     },
-    /** How many frames ago an object has gone, at most 0 while it is there. */
+    /** How many frames ago an object was removed; 0 or less while it is present. */
     goneFor: (object, k) => k - lasts[object],
   };
 }
 
-/** Where every object of a scene is at the start: [x, y, angle]. */
+/** The start pose of every object: [x, y, angle]. */
 function restingPoses(scene) {
   const bars = scene.block.map(([[ax, ay], [bx, by]]) => [(ax + bx) / 2, (ay + by) / 2, 0]);
   return [...bars, ...scene.ball.map(([x, y]) => [x, y, 0])];
@@ -70,7 +70,7 @@ function eliminableBlocks(scene) {
   return scene.block.map((_, i) => i).filter((i) => scene.eli[i]);
 }
 
-/** The last frame in which each object is there. */
+/** The last frame in which each object is present. */
 function lastFrames(play, scene) {
   const lasts = [...scene.block, ...scene.ball].map(() => Infinity);
   eliminableBlocks(scene).forEach((block, column) => {

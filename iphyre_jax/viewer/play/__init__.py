@@ -1,1 +1,1 @@
-"""The play page's server: a person plays, draws scenes and compares, against the real simulator."""
+"""The server of the play page: a person plays the games, draws scenes and compares plays."""

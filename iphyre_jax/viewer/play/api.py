@@ -1,4 +1,4 @@
-"""What the play page can ask for. Every answer is computed from what the page sends: scene and plan."""
+"""The calls of the play page. Every answer is computed from the scene and plan that the page sends."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from iphyre_jax.checks import show
 from iphyre_jax.files import parse_json
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict
-from iphyre_jax.scenes.errors import refuse
+from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.files import scene_text
-from iphyre_jax.scenes.geometry import remarks
+from iphyre_jax.scenes.geometry import scene_warnings
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.figures import figures, figures_of
 from iphyre_jax.viewer.load_plays import best_plays
@@ -23,8 +23,8 @@ from iphyre_jax.viewer.play.session import Session
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
 from iphyre_jax.viewer.recording import Recording, record
 
-FPS: Final = 60  # people play at the rate of the paper's
-PATIENCE: Final = 120.0  # s that a request waits for another's simulation, which may be compiling
+FPS: Final = 60  # the frame rate at which people play in the paper
+PATIENCE: Final = 120.0  # s; a request waits so long for another simulation, which may be compiling
 
 Fields = Mapping[str, Any]
 
@@ -34,21 +34,21 @@ class Api:
 
     Args:
         session: counts and saves attempts.
-        agents: plays to compare with, beside the best plans known.
-        scenes: scenes to play beside the forty games.
+        agents: plays to compare with, besides the best known plans.
+        scenes: scenes to play, besides the forty games.
     """
 
     def __init__(self, session: Session, agents: Sequence[Play] = (), scenes: Sequence[Scene] = ()) -> None:
         self._session, self._scenes = session, tuple(scenes)
         self._agents = [*best_plays().values(), *agents]
-        self._engine = Lock()  # one simulation at a time: it takes a core, and milliseconds once compiled
+        self._engine = Lock()  # one simulation at a time: it uses a core, for milliseconds once compiled
         self._calls: dict[str, tuple[Callable[[Fields], object], frozenset[str]]] = {
             "api/start": (self._start, frozenset()),
             "api/game": (self._game, frozenset({"scene"})),
             "api/record": (self._record, frozenset({"scene", "plan"})),
             "api/attempt": (self._attempt, frozenset({"scene", "plan"})),
             "api/again": (self._again, frozenset({"scene"})),
-            "api/agents": (self._compare, frozenset({"scene"})),
+            "api/agents": (self._agents_and_attempts, frozenset({"scene"})),
             "api/check": (self._check, frozenset({"scene"})),
         }
 
@@ -56,24 +56,24 @@ class Api:
         """Answer a call.
 
         Args:
-            name: of the call.
+            name: the name of the call.
             body: its arguments, a JSON object.
 
         Raises:
-            RefusedError: there is no such call, or it comes at a bad time.
+            RefusedError: there is no such call, or it is not possible now.
             ValueError: the arguments are wrong; one line for each.
         """
         if name not in self._calls:
             raise RefusedError(404, "no such call")
-        act, wanted = self._calls[name]
+        handler, expected = self._calls[name]
         fields = parse_json(body, "request")
-        if not isinstance(fields, Mapping) or set(fields) != wanted:
-            named = ", ".join(sorted(wanted)) or "no fields"
-            raise ValueError(f"request: expected an object with {named}, got {show(fields)}")
-        return act(fields)
+        if not isinstance(fields, Mapping) or set(fields) != expected:
+            names = ", ".join(sorted(expected)) or "no fields"
+            raise ValueError(f"request: expected an object with {names}, got {show(fields)}")
+        return handler(fields)
 
     def _start(self, fields: Fields) -> object:
-        """Everything the page shows before a game is chosen."""
+        """Return what the page shows before a game is chosen."""
         own = [{"split": "own scenes", "name": scene.name, "scene": pack_scene(scene)} for scene in self._scenes]
         games = [{"split": split, "name": game, "scene": game} for split in SPLITS for game in SPLITS[split]]
         return {
@@ -87,9 +87,9 @@ class Api:
         }
 
     def _game(self, fields: Fields) -> object:
-        """A scene, its play without a removal, the paper's figures and what has been attained so far."""
-        scene = _scene(fields)
-        untouched = self._play(scene, [NEVER] * len(scene.eliminable_blocks))
+        """Return a scene, its play without removals, the scores in the paper, and the attempts so far."""
+        scene = _read_scene(fields)
+        untouched = self._record_play(scene, [NEVER] * len(scene.eliminable_blocks))
         own = scene.name in GAMES and scene == load_scene(scene.name)
         best = best_plays().get(scene.name) if own else None
         return {
@@ -101,42 +101,43 @@ class Api:
         }
 
     def _record(self, fields: Fields) -> object:
-        scene = _scene(fields)
-        return pack_play(self._play(scene, _plan(fields, scene)))
+        scene = _read_scene(fields)
+        return pack_play(self._record_play(scene, _read_plan(fields, scene)))
 
     def _attempt(self, fields: Fields) -> object:
-        """Count, save and score an attempt; the score is computed here, from the plan."""
-        scene = _scene(fields)
-        recording = self._play(scene, _plan(fields, scene))
+        """Count, save and score an attempt; the server computes the score from the plan."""
+        scene = _read_scene(fields)
+        recording = self._record_play(scene, _read_plan(fields, scene))
         standing = self._session.add(recording)
         return {"play": pack_play(recording), "standing": standing}
 
     def _again(self, fields: Fields) -> object:
-        return {"standing": self._session.begin_again(_scene(fields))}
+        return {"standing": self._session.begin_again(_read_scene(fields))}
 
-    def _compare(self, fields: Fields) -> object:
-        """Plays of a scene by others, and the person's own attempts."""
-        scene = _scene(fields)
+    def _agents_and_attempts(self, fields: Fields) -> object:
+        """Return plays of a scene by others, and the attempts of the person."""
+        scene = _read_scene(fields)
         others = [(play, False) for play in self._agents if play.scene == scene]
         own = [(play, True) for play in self._session.attempts(scene)]
         return [
-            {"agent": play.agent, "own": mine, **pack_play(self._alone(play.record))} for play, mine in others + own
+            {"agent": play.agent, "own": mine, **pack_play(self._exclusively(play.record))}
+            for play, mine in others + own
         ]
 
     def _check(self, fields: Fields) -> object:
-        """What is wrong with a scene, what is unusual, and its file if nothing is wrong."""
+        """Return what is wrong with a scene, what is unusual, and its file if nothing is wrong."""
         try:
             scene = scene_from_dict(fields["scene"], "")
         except ValueError as error:
             lines = [line.removeprefix(": ") for line in str(error).split("\n")]
-            return {"problems": lines, "remarks": [], "file": None}
-        return {"problems": [], "remarks": remarks(scene), "file": scene_text(scene)}
+            return {"problems": lines, "warnings": [], "file": None}
+        return {"problems": [], "warnings": scene_warnings(scene), "file": scene_text(scene)}
 
-    def _play(self, scene: Scene, plan: Sequence[int]) -> Recording:
-        return self._alone(lambda: record(scene, list(plan), fps=FPS))
+    def _record_play(self, scene: Scene, plan: Sequence[int]) -> Recording:
+        return self._exclusively(lambda: record(scene, list(plan), fps=FPS))
 
-    def _alone(self, work: Callable[[], Recording]) -> Recording:
-        """Run a simulation when no other runs."""
+    def _exclusively(self, work: Callable[[], Recording]) -> Recording:
+        """Run a simulation while no other one runs."""
         if not self._engine.acquire(timeout=PATIENCE):
             raise RefusedError(503, "the simulator is busy")
         try:
@@ -145,14 +146,14 @@ class Api:
             self._engine.release()
 
 
-def _scene(fields: Fields) -> Scene:
+def _read_scene(fields: Fields) -> Scene:
     return read_scene_field(fields["scene"], "request")
 
 
-def _plan(fields: Fields, scene: Scene) -> list[int]:
-    """Return a person's plan: as the official driver, nothing before the first step, and one removal a step."""
+def _read_plan(fields: Fields, scene: Scene) -> list[int]:
+    """Return the plan of a person: at most one removal per step, none before step 1, as in the official simulator."""
     plan = fields["plan"]
-    refuse("request", plan_problems(plan, scene))
+    raise_problems("request", plan_problems(plan, scene))
     steps = [step for step in plan if step != NEVER]
     if any(not 0 < step < TIME_LIMIT * FPS for step in steps) or len(set(steps)) != len(steps):
         raise ValueError(f"request: plan: expected different steps from 1 to {int(TIME_LIMIT * FPS) - 1}, got {steps}")

@@ -1,7 +1,7 @@
-"""A small HTTP server for one person on this machine, on the standard library's.
+"""A small HTTP server for one person on this machine, built on the standard library.
 
-Each connection carries one request, has a deadline for all of it, and there are at most so many at once; so neither
-slow nor many clients can hold it up. Nothing of a request ever becomes a path of a file.
+Each connection carries one request and has a deadline, and the number of connections is limited. So neither slow nor
+many clients can block the server. No part of a request ever becomes the path of a file.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from iphyre_jax.viewer.play.guard import MAX_REQUEST, Guard, RefusedError
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-Request = socket.socket | tuple[bytes, socket.socket]  # as the standard library has it; here always the former
+Request = socket.socket | tuple[bytes, socket.socket]  # the type in the standard library; here it is always a socket
 Client = tuple[str, int] | str
 
-CONNECTIONS: Final = 32  # at once; a page needs some ten while it loads
-SECONDS: Final = 10.0  # for a request to arrive, and again for its answer to leave
+CONNECTIONS: Final = 32  # at once; a page needs about ten while it loads
+REQUEST_SECONDS: Final = 10.0  # s, for a request to arrive, and again for the answer to be sent
 
-_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+_CONTENT_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 SCRIPTS: Final = ("tape.js", "stage.js", "clock.js", "deck.js", "client.js", "game.js", "editor.js", "play.js")
 FILES: Final = (*SCRIPTS, "style.css")
 HEADERS: Final = {
@@ -36,7 +36,7 @@ HEADERS: Final = {
     "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "Referrer-Policy": "no-referrer",  # the address contains the token
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
@@ -47,29 +47,29 @@ class PlayServer(ThreadingHTTPServer):
     """Serves the play page on 127.0.0.1.
 
     Args:
-        api: answers the page's calls.
+        api: answers the calls of the page.
         token: the first part of every path.
-        port: 0 for any that is free.
-        seconds: that a request may take to arrive.
+        port: 0 for any free port.
+        seconds: s, how long a request may take to arrive.
     """
 
     daemon_threads = True
     request_queue_size = 64
 
-    def __init__(self, api: Api, token: str, port: int = 0, seconds: float = SECONDS) -> None:
+    def __init__(self, api: Api, token: str, port: int = 0, seconds: float = REQUEST_SECONDS) -> None:
         self.api, self.seconds = api, seconds
-        self._room = BoundedSemaphore(CONNECTIONS)
+        self._free_connections = BoundedSemaphore(CONNECTIONS)
         super().__init__(("127.0.0.1", port), _Handler)
         self.guard = Guard(token, self.server_port)
 
     @property
     def address(self) -> str:
-        """The page's address."""
+        """The address of the page."""
         return f"http://127.0.0.1:{self.server_port}/{self.guard.token}/"
 
     def process_request(self, request: Request, client_address: Client) -> None:
         """Hand a connection to a thread, or close it if there are too many."""
-        if not self._room.acquire(blocking=False):
+        if not self._free_connections.acquire(blocking=False):
             self.shutdown_request(request)
             return
         super().process_request(request, client_address)
@@ -79,61 +79,61 @@ class PlayServer(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._room.release()
+            self._free_connections.release()
 
     def handle_error(self, request: Request, client_address: Client) -> None:
-        """Say on one line what went wrong; a client that leaves or dawdles is nothing to speak of."""
+        """Print an error in one line. Clients that are slow or close the connection are no errors."""
         error = sys.exception()
         if not isinstance(error, ConnectionError | TimeoutError):
             print(f"iphyre-jax play: {type(error).__name__}: {error}", file=sys.stderr)
 
 
-class _Arriving(io.RawIOBase):
-    """What arrives on a socket until a deadline, and up to a size."""
+class _RequestStream(io.RawIOBase):
+    """Read from a socket until a deadline and up to a largest size."""
 
     def __init__(self, connection: socket.socket, seconds: float) -> None:
-        self._connection, self._end, self._room = connection, time.monotonic() + seconds, MAX_REQUEST
+        self._connection, self._deadline, self._bytes_left = connection, time.monotonic() + seconds, MAX_REQUEST
 
     def readable(self) -> bool:
         return True
 
     def readinto(self, buffer: Buffer) -> int:
-        left = self._end - time.monotonic()
+        left = self._deadline - time.monotonic()
         if left <= 0:
             raise TimeoutError("the request took too long")
         self._connection.settimeout(left)
-        count = self._connection.recv_into(memoryview(buffer)[: self._room])
-        self._room -= count
+        count = self._connection.recv_into(memoryview(buffer)[: self._bytes_left])
+        self._bytes_left -= count
         return count
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request."""
+    """Handles one request."""
 
     server: PlayServer
     server_version, sys_version = "iphyre-jax", ""
 
     def setup(self) -> None:
-        """Put the deadline between socket and parser."""
+        """Let the parser read from the socket only until the deadline."""
         super().setup()
         self.rfile.close()
-        self.rfile = io.BufferedReader(_Arriving(self.connection, self.server.seconds))
+        self.rfile = io.BufferedReader(_RequestStream(self.connection, self.server.seconds))
 
     def do_GET(self) -> None:
-        """Send the page or one of its files."""
+        """Answer GET: send the page or one of its files."""
         try:
-            name = self.server.guard.name(self.path, self.headers) or "play.html"
+            name = self.server.guard.resource_name(self.path, self.headers) or "play.html"
             if name != "play.html" and name not in FILES:
                 raise RefusedError(404, "no such file")
-            self._send(200, _TYPES[name.rpartition(".")[2]], page_file(name).encode())
+            self._send(200, _CONTENT_TYPES[name.rpartition(".")[2]], page_file(name).encode())
         except RefusedError as refusal:
             self._refuse(refusal)
 
     def do_POST(self) -> None:
-        """Answer a call of the page."""
+        """Answer POST: run a call of the page."""
         guard = self.server.guard
         try:
-            name = guard.name(self.path, self.headers)
+            name = guard.resource_name(self.path, self.headers)
             length = guard.body_length(self.headers)
             body = self.rfile.read(length)
             if len(body) != length:
@@ -144,8 +144,9 @@ class _Handler(BaseHTTPRequestHandler):
         except (ValueError, OSError) as error:
             self._answer({"error": str(error)}, 400)
         except Exception:
-            self.server.handle_error(self.request, self.client_address)  # first: the answer says that it is told there
-            self._answer({"error": "the server failed; its terminal says how"}, 500)
+            # Print the error before the answer, which refers to the terminal.
+            self.server.handle_error(self.request, self.client_address)
+            self._answer({"error": "the server failed; the terminal shows the error"}, 500)
 
     def _answer(self, value: object, status: int = 200) -> None:
         self._send(status, "application/json", json.dumps(value, allow_nan=False).encode())
@@ -165,9 +166,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Refuse what the parser refuses, in the same form."""
+        """Refuse what the parser refuses, with an answer in JSON like all others."""
         self.close_connection = True
-        self._refuse(RefusedError(code, "not a request that this server knows"))
+        self._refuse(RefusedError(code, "this server does not know such a request"))
 
     def log_message(self, format: str, *arguments: object) -> None:
-        """Stay silent: addresses hold the token."""
+        """Log nothing, because addresses contain the token."""

@@ -1,4 +1,4 @@
-"""Attempts of one person: five a game, each saved as a line of a file of plays."""
+"""The attempts of one person: five per game, each saved as a line in a file of plays."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.plays import MAX_PLAYS, Play, append_play, play_to_json, result_of
 from iphyre_jax.viewer.recording import Recording
 
-ATTEMPTS: Final = 5  # of the paper's people
+ATTEMPTS: Final = 5  # as for the people in the paper
 
 
 @dataclass
 class _Series:
-    """Attempts at one scene that count together."""
+    """Up to five attempts at one scene that count together."""
 
     number: int
     tries: list[Play] = field(default_factory=list)
@@ -30,9 +30,9 @@ class Session:
     """Counts and saves attempts.
 
     Args:
-        path: the file of plays that lines are added to; None to keep none.
-        name: of the person, as it stands in the file.
-        limit: attempts at a scene that count together.
+        path: the file of plays to which attempts are added; None to save none.
+        name: the name of the person in the file.
+        limit: number of attempts in a series.
     """
 
     def __init__(self, path: Path | None, name: str = "you", limit: int = ATTEMPTS) -> None:
@@ -43,10 +43,10 @@ class Session:
         self._series: dict[Scene, _Series] = defaultdict(lambda: _Series(1))
 
     def add(self, recording: Recording) -> dict[str, object]:
-        """Count and save an attempt; returns the standing after it.
+        """Count and save an attempt; return the standing after it.
 
         Raises:
-            RefusedError: all attempts are used, or the file has grown too long.
+            RefusedError: all attempts are used, or the file is too long.
             OSError: the file cannot be written.
         """
         with self._lock:
@@ -55,7 +55,7 @@ class Session:
                 raise RefusedError(409, f"all {self.limit} attempts are used")
             if self._saved >= MAX_PLAYS:
                 raise RefusedError(409, f"{MAX_PLAYS} attempts are saved; start the server again")
-            facts = {"attempt": len(series.tries) + 1, "series": series.number, **_facts()}
+            facts = {"attempt": len(series.tries) + 1, "series": series.number, **_provenance()}
             if self._path is not None:
                 append_play(self._path, play_to_json(recording, self._name, facts))
             self._saved += 1
@@ -63,28 +63,28 @@ class Session:
             series.tries.append(
                 Play(agent, recording.scene, recording.plan, recording.fps, result=result_of(recording))
             )
-            return _standing(series, self.limit)
+            return _series_standing(series, self.limit)
 
     def begin_again(self, scene: Scene) -> dict[str, object]:
-        """Begin a new series of attempts at a scene, and return its standing."""
+        """Begin a new series of attempts at a scene and return its standing."""
         with self._lock:
             series = self._series[scene]
             if series.tries:
                 series = self._series[scene] = _Series(series.number + 1)
-            return _standing(series, self.limit)
+            return _series_standing(series, self.limit)
 
     def standing(self, scene: Scene) -> dict[str, object]:
-        """Return what has been attained in the series that is under way."""
+        """Return the standing of the current series: rewards, the best one, attempts left."""
         with self._lock:
-            return _standing(self._series[scene] if scene in self._series else _Series(1), self.limit)
+            return _series_standing(self._series[scene] if scene in self._series else _Series(1), self.limit)
 
     def attempts(self, scene: Scene) -> list[Play]:
-        """Return the attempts of the series that is under way."""
+        """Return the attempts of the current series."""
         with self._lock:
             return list(self._series[scene].tries) if scene in self._series else []
 
 
-def _standing(series: _Series, limit: int) -> dict[str, object]:
+def _series_standing(series: _Series, limit: int) -> dict[str, object]:
     rewards = [float(str(play.result["reward"])) for play in series.tries if play.result]
     return {
         "series": series.number,
@@ -94,8 +94,8 @@ def _standing(series: _Series, limit: int) -> dict[str, object]:
     }
 
 
-def _facts() -> dict[str, object]:
-    """Return what a line says about how it came to be."""
+def _provenance() -> dict[str, object]:
+    """Return time, versions and device, for a line in the file of plays."""
     return {
         "when": datetime.now().astimezone().isoformat(timespec="seconds"),
         "versions": versions(CORE),

@@ -1,4 +1,4 @@
-"""The play server: thirty hostile requests are refused, and play goes on."""
+"""The play server refuses hostile requests and keeps running."""
 
 from __future__ import annotations
 
@@ -38,30 +38,30 @@ def server(tmp_path: Path) -> Iterator[PlayServer]:
 def ask(
     server: PlayServer, name: str, body: object = None, *, method: str = "POST", **headers: str | None
 ) -> tuple[int, Any]:
-    """Ask as the page does; a header that is None is left out, and one with a value replaces the page's."""
+    """Send a request like the page. Given headers replace those of the page; None removes one."""
     own = {
         "Host": f"127.0.0.1:{server.server_port}",
         "Origin": f"http://127.0.0.1:{server.server_port}",
         "Content-Type": "application/json",
     }
     sent = own | {key.replace("_", "-"): value for key, value in headers.items()}
-    content = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+    sent_body = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=30)
     with closing(connection):
         connection.putrequest(method, f"/{TOKEN}/{name}" if not name.startswith("/") else name, skip_host=True)
         if method == "POST":
-            sent.setdefault("Content-Length", str(len(content)))
+            sent.setdefault("Content-Length", str(len(sent_body)))
         for key, value in sent.items():
             if value is not None:
                 connection.putheader(key, value)
-        connection.endheaders(content if method == "POST" else None)
+        connection.endheaders(sent_body if method == "POST" else None)
         answer = connection.getresponse()
-        told = answer.read()
-    return answer.status, json.loads(told) if "json" in answer.getheader("Content-Type", "") else told
+        content = answer.read()
+    return answer.status, json.loads(content) if "json" in answer.getheader("Content-Type", "") else content
 
 
 def say(server: PlayServer, text: bytes) -> bytes:
-    """Send bytes as they are, and return the answer's first line; empty if the server has closed the connection."""
+    """Send raw bytes; return the first line of the answer, empty if the server closed the connection."""
     with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
         try:
             connection.sendall(text)
@@ -97,7 +97,7 @@ def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp
     assert ask(server, "api/attempt", {"scene": "hole", "plan": [-1] * 4})[1]["standing"]["left"] == 4
     plays = read_plays(tmp_path / "attempts.jsonl")
     assert [play.plan for play in plays] == [tuple(PLAN)] * 5 + [(-1,) * 4]
-    assert not plays[0].differs(plays[0].record())
+    assert not plays[0].difference(plays[0].record())
     line = json.loads((tmp_path / "attempts.jsonl").read_text("utf-8").splitlines()[-1])
     assert (line["facts"]["series"], line["facts"]["attempt"]) == (2, 1)
     assert {"iphyre_jax", "jax", "numpy"} <= set(line["facts"]["versions"])
@@ -105,7 +105,7 @@ def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp
     assert [play["agent"] for play in agents] == ["best plan known", "attempt 1"]
 
 
-def test_the_editor_hears_the_validator(server: PlayServer, tmp_path: Path) -> None:
+def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer, tmp_path: Path) -> None:
     scene = scene_to_dict(load_scene("hole"))
     answer = ask(server, "api/check", {"scene": scene})[1]
     assert answer["problems"] == []
@@ -164,9 +164,9 @@ REFUSED: list[tuple[str, dict[str, Any], int]] = [
 def test_hostile_requests_are_refused_and_play_goes_on(server: PlayServer, tmp_path: Path) -> None:
     assert len(REFUSED) >= 30
     for what, arguments, expected in REFUSED:
-        status, told = ask(server, **({"name": "api/start"} | arguments))
+        status, answer = ask(server, **({"name": "api/start"} | arguments))
         assert (what, status) == (what, expected)
-        assert "\n" not in str(told.get("error", "")) or status == 400
+        assert "\n" not in str(answer.get("error", "")) or status == 400
     assert not (tmp_path / "attempts.jsonl").exists()
     assert ask(server, "api/attempt", {"scene": "hole", "plan": PLAN})[0] == 200
 
@@ -198,7 +198,7 @@ def test_floods_and_dawdlers_do_not_hold_up_play(server: PlayServer) -> None:
             except OSError:  # closed already: there were too many
                 continue
         status = None
-        while status != 200 and time.monotonic() - begin < 20:  # those that dawdle are given 2 s
+        while status != 200 and time.monotonic() - begin < 20:  # slow clients get 2 s
             try:
                 status, _ = ask(server, "api/start")
             except (OSError, http.client.HTTPException):
@@ -216,13 +216,13 @@ def test_an_idle_server_costs_nothing(server: PlayServer) -> None:
     assert (time.process_time() - begin) / (time.monotonic() - clock) < 0.05
 
 
-def test_a_failure_within_is_told_and_play_goes_on(
+def test_an_internal_error_is_printed_and_the_server_goes_on(
     server: PlayServer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(fields: object) -> object:
         raise RuntimeError("something inside")
 
     monkeypatch.setitem(server.api._calls, "api/start", (fail, frozenset()))
-    assert ask(server, "api/start") == (500, {"error": "the server failed; its terminal says how"})
+    assert ask(server, "api/start") == (500, {"error": "the server failed; the terminal shows the error"})
     assert ask(server, "api/check", {"scene": {}})[0] == 200
     assert "RuntimeError: something inside" in capsys.readouterr().err

@@ -1,0 +1,24 @@
+"""What the parts of the command line share: plain printing, and options with their names in the help."""
+
+from __future__ import annotations
+
+import tyro
+from rich.console import Console
+
+
+def say(console: Console, text: str) -> None:
+    """Print text as it is: no markup, no colours, no line breaks of our own."""
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def option(metavar: str, text: str, default: str | None = None, *, aliases: tuple[str, ...] = ()) -> object:
+    """Describe an option or argument of the command line.
+
+    Args:
+        metavar: the name that the help gives its value.
+        text: of the help.
+        default: what the help says in place of the value's default.
+        aliases: other spellings.
+    """
+    hint = None if default is None else f"(default: {default})" if default else ""
+    return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint=hint, aliases=aliases or None)
