@@ -13,7 +13,7 @@ import numpy.typing as npt
 from jax.sharding import Mesh
 
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.devices import Share, agree, share_of
+from iphyre_jax.execution.devices import Partition, check_same_call, partition_of
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
 from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rollouts import FAULT_OVERFLOW
@@ -87,7 +87,7 @@ def simulate(
     loaded = load_scene(scene)
     settings = _settings(fps, duration, dtype, resets, sample_every)
     plan = _plan(eliminate_at, [len(loaded.eliminable_blocks)], None)
-    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings, share_of(mesh))
+    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings, partition_of(mesh))
 
 
 def simulate_many(
@@ -127,14 +127,14 @@ def simulate_many(
         raise ValueError("scenes: expected a sequence of names, files or Scenes, got a single one")
     loaded = [load_scene(scene) for scene in scenes]
     settings = _settings(fps, duration, dtype, resets, sample_every, share_prefixes)
-    share = share_of(mesh)
-    if settings.share_prefixes and (settings.sample_every is not None or share.ranks > 1):
+    partition = partition_of(mesh)
+    if settings.share_prefixes and (settings.sample_every is not None or partition.process_count > 1):
         raise ValueError("share_prefixes: expected no samples, and no mesh that spans processes")
     index = _integers("which", which, 1)
     if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
-    return _simulate(loaded, index, plan, settings, share)
+    return _simulate(loaded, index, plan, settings, partition)
 
 
 def _settings(
@@ -190,19 +190,23 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
 
 
 def _simulate(
-    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: Settings, share: Share
+    scenes: list[Scene],
+    which: npt.NDArray[np.int64],
+    plan: npt.NDArray[np.int32],
+    settings: Settings,
+    partition: Partition,
 ) -> Simulation:
-    if share.ranks > 1:
-        agree([scene_to_dict(scene) for scene in scenes], which, plan, settings)
+    if partition.process_count > 1:
+        check_same_call([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]
     for topology, _ in worlds:
         if settings.steps > (limit := max_steps(topology)):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-    batch = PlanBatch.of(scenes, worlds, which, plan, settings, share)
+    batch = PlanBatch.of(scenes, worlds, which, plan, settings, partition)
     left = np.arange(len(plan))
     for attempt in range(ATTEMPTS):
         if left.size:
-            batch.play(left, attempt)
+            batch.run(left, attempt)
             left = left[batch.fault[left] == FAULT_OVERFLOW]
     reward = episode_reward(batch.success, batch.eliminations, batch.steps, settings.fps)
     return Simulation(batch.success, batch.steps, batch.eliminations, reward, batch.fault, batch.samples)

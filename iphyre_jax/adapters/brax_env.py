@@ -52,20 +52,20 @@ class BraxEnv(Env):
 
     def reset(self, rng: jax.Array) -> State:
         """Begin an episode."""
-        seen, state = self.env.reset(rng, self.params)
+        obs, state = self.env.reset(rng, self.params)
         zero = jnp.zeros((), jnp.float32)
-        return State(state, seen, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
+        return State(state, obs, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
 
     def step(self, state: State, action: jax.Array) -> State:
         """Play one decision."""
         own = jnp.argmax(action).astype(jnp.int32) if self._on_the_fly else ((action + 1) / 2).clip(0.0, 1.0)
         key = jax.random.key(0)  # without autoreset nothing is random
         out = self.env.step(key, state.pipeline_state, own, self.params)
-        seen, after, reward, terminated, truncated, info = out
+        obs, after, reward, terminated, truncated, info = out
         flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
         return state.replace(
             pipeline_state=after,
-            obs=seen,
+            obs=obs,
             reward=reward,
             done=(terminated | truncated).astype(jnp.float32),
             metrics=state.metrics | {"success": info["success"].astype(jnp.float32)},

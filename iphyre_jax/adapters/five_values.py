@@ -44,9 +44,9 @@ class FiveValues:
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, dict[str, Any]]:
         """Play one decision; see `Environment.step`."""
         given = self.default_params if params is None else params
-        seen, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
+        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
         info = info | {"terminated": terminated, "truncated": truncated}
-        return seen, state, reward, terminated | truncated, info
+        return obs, state, reward, terminated | truncated, info
 
     def action_space(self, params: EnvParams | None = None) -> Space:
         """Return the space of actions."""

@@ -68,7 +68,9 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = space_of(self.env.observation_space())
         self.action_space = space_of(self.env.action_space())
         self._x64 = self.env.dtype == "float64"
-        self._alone = cache(partial(self.env.alone, self.params))  # of each game, so that only what is met is compiled
+        self._single_game = cache(
+            partial(self.env.single_game, self.params)
+        )  # of each game, so that only what is met is compiled
         self._game = 0  # row of the parameters
         self._state: EnvState | None = None
 
@@ -86,9 +88,9 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         with jax.enable_x64(self._x64):
             drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # as the environment itself draws
             self._game = int(drawn) if game is None else self._row(game)
-            env, params = self._alone(self._game)
-            seen, self._state = env.reset_to(np.int32(0), params)
-            return np.asarray(seen), self._info(False, False)
+            env, params = self._single_game(self._game)
+            obs, self._state = env.reset_to(np.int32(0), params)
+            return np.asarray(obs), self._info(False, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Play one decision.
@@ -101,23 +103,23 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         checked = checked_action(self.env.action_space(), action, ())
         with jax.enable_x64(self._x64):
             key = jax.random.key(0)  # without autoreset nothing is random
-            env, params = self._alone(self._game)
-            seen, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
+            env, params = self._single_game(self._game)
+            obs, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
             official = bool(terminated), bool(truncated)
             flags = gymnasium_flags(self.env, *official)
-            return np.asarray(seen), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
+            return np.asarray(obs), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the picture of the world, (600, 600, 3) uint8, if the render mode asks for it."""
         if self.render_mode is None or self._state is None:
             return None
         with jax.enable_x64(self._x64):
-            return np.asarray(_picture(*self._alone(self._game), self._state))
+            return np.asarray(_picture(*self._single_game(self._game), self._state))
 
     def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
-        env, params = self._alone(self._game)
+        env, params = self._single_game(self._game)
         status = env.worlds.status(params, self._state)
         return {
             "success": bool(status.success),

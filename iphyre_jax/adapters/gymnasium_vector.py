@@ -74,9 +74,9 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         every = np.ones(self.num_envs, bool)
         self._draw(every)
         with jax.enable_x64(self._x64):
-            seen, self._state, info = _reset(self.env, self._next, self.params)
+            obs, self._state, info = _reset(self.env, self._next, self.params)
         self._draw(every)
-        return np.array(seen), self._infos(info, every, np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool))
+        return np.array(obs), self._infos(info, every, np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool))
 
     def step(
         self,
@@ -92,7 +92,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         checked = checked_action(self.env.action_space(), actions, (self.num_envs,))
         with jax.enable_x64(self._x64):
             out = _step(self.env, self._next, self._state, checked, self.params)
-        seen, self._state, reward, terminated, truncated, last, now = out
+        obs, self._state, reward, terminated, truncated, last, now = out
         official = np.array(terminated), np.array(truncated)
         done = official[0] | official[1]
         self._draw(done)
@@ -104,7 +104,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             infos["final_info"] = self._infos(last, done, *official)
             infos["_final_info"] = done.copy()
         flags = gymnasium_flags(self.env, *official)
-        return np.array(seen), np.array(reward, np.float64), flags[0] | nothing, flags[1] | nothing, infos
+        return np.array(obs), np.array(reward, np.float64), flags[0] | nothing, flags[1] | nothing, infos
 
     def _draw(self, which: npt.NDArray[np.bool_]) -> None:
         """Draw the seeds of the next episodes of some worlds, each from its world's own generator."""
@@ -130,8 +130,8 @@ def _keys(seeds: jax.Array) -> jax.Array:
 
 @partial(jax.jit, static_argnums=0)
 def _reset(env: Environment, seeds: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState, dict[str, Any]]:
-    seen, state = jax.vmap(env.reset, in_axes=(0, None))(_keys(seeds), params)
-    return seen, state, jax.vmap(env.info, in_axes=(0, None))(state, params)
+    obs, state = jax.vmap(env.reset, in_axes=(0, None))(_keys(seeds), params)
+    return obs, state, jax.vmap(env.info, in_axes=(0, None))(state, params)
 
 
 @partial(jax.jit, static_argnums=0)

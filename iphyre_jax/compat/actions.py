@@ -10,7 +10,7 @@ from itertools import count, islice
 import numpy as np
 
 from iphyre_jax.execution.compilation.executables import executable
-from iphyre_jax.execution.programs import Score, clock, world_layout
+from iphyre_jax.execution.programs import Score, pack_timing, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.compile import compile_scene, step_timing
@@ -64,7 +64,7 @@ def generate_actions(
     succeeded: list[Action] = []
     failed: list[Action] = []
     drawn = 0
-    for plan, (solved, removed, seconds) in _played(scene, plans):
+    for plan, (solved, removed, seconds) in _score_in_batches(scene, plans):
         if len(succeeded) >= num_succeed and len(failed) >= num_fail:
             break
         drawn += 1
@@ -90,11 +90,11 @@ def _instants(
     return instants
 
 
-def _played(scene: Scene, plans: Iterator[Action]) -> Iterator[tuple[Action, tuple[int, int, float]]]:
+def _score_in_batches(scene: Scene, plans: Iterator[Action]) -> Iterator[tuple[Action, tuple[int, int, float]]]:
     """Play plans batch by batch; each with solved, blocks removed and seconds."""
     for first in count(2, BATCH):  # the class was reset once before the first plan
         batch = list(islice(plans, BATCH))
-        yield from zip(batch, _play(scene, batch, first), strict=True)
+        yield from zip(batch, _score_plans(scene, batch, first), strict=True)
 
 
 def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:
@@ -111,14 +111,14 @@ def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: fl
         yield times
 
 
-def _play(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
+def _score_plans(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
     """Play plans in successive resets of one space; solved, blocks removed and seconds of each."""
     built = [compile_scene(scene, resets=resets + k, dtype=DTYPE) for k in range(len(plans))]
     steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
     program = Score(built[0][0], DTYPE, BATCH, steps.shape[1])
     worlds = world_layout(program.topology, DTYPE).pack_many([world for _, world in built])
     frames = np.array([len(official_clock(FPS)), 1], np.int32)
-    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), clock(step_timing(FPS, DTYPE)), frames)[0]
+    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), pack_timing(step_timing(FPS, DTYPE)), frames)[0]
     solved, removed, fault = counts[0], counts[2], counts[3]
     if fault.any():
         raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {fault.max()})")

@@ -74,7 +74,7 @@ def save_sequences(
         np.save(folder / "actions.npy", np.array(sorted(map(list, clicks), key=lambda click: click[2])).reshape(-1, 3))
         made = 0
         for k in range(count):
-            made, solved = simulator.play_plan(removals, made, k * every)
+            made, solved = simulator.run_plan(removals, made, k * every)
             if solved:
                 break
             vectors[k] = simulator.get_all_property()

@@ -52,7 +52,7 @@ class IPHYRE:
         """Begin anew; returns what `step` returns first."""
         self._resets += 1
         self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
-        return self._seen(use_images)
+        return self._observation(use_images)
 
     def step(
         self, pos: Sequence[float] | npt.NDArray[Any], use_images: bool = False
@@ -74,11 +74,11 @@ class IPHYRE:
         hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
         if hit is not None:
             self._started.remove(hit)
-        _, solved = self._started.play(1)
+        _, solved = self._started.run(1)
         reward = self.step_reward
         reward += self.eli_reward if hit is not None else 0
         reward += self.success_reward if solved else 0
-        return self._seen(use_images), reward, solved
+        return self._observation(use_images), reward, solved
 
     def simulate(self, action: Sequence[Click] = ()) -> tuple[int, int, float]:
         """Play on for 15 s under timed clicks.
@@ -94,7 +94,7 @@ class IPHYRE:
         """
         frames = self.frames()
         present = int(self._started.alive.sum())
-        made, solved = self.play_plan(self.removals(action), 0, len(frames))
+        made, solved = self.run_plan(self.removals(action), 0, len(frames))
         removed = present - int(self._started.alive.sum())
         return int(solved), removed, [*frames, frames[-1] + self.timestep][made]
 
@@ -167,7 +167,7 @@ class IPHYRE:
                 click = next(due, None)
         return found
 
-    def play_plan(self, removals: dict[int, int], since: int, until: int) -> tuple[int, bool]:
+    def run_plan(self, removals: dict[int, int], since: int, until: int) -> tuple[int, bool]:
         """Play from one step of a plan to another, or to the step that solves the game.
 
         Args:
@@ -180,12 +180,12 @@ class IPHYRE:
         """
         for block, step in sorted(removals.items(), key=lambda removal: removal[1]):
             if since <= step <= until and self._started.alive[block]:
-                made, solved = self._started.play(step - since)
+                made, solved = self._started.run(step - since)
                 since += made
                 if solved:
                     return since, True
                 self._started.remove(block)
-        made, solved = self._started.play(until - since)
+        made, solved = self._started.run(until - since)
         return since + made, solved
 
     @property
@@ -194,7 +194,7 @@ class IPHYRE:
             raise ValueError(f"{self.game}: expected a call of reset first")
         return self._world
 
-    def _seen(self, use_images: bool) -> npt.NDArray[Any]:
+    def _observation(self, use_images: bool) -> npt.NDArray[Any]:
         return self.picture()[:, :, ::-1] if use_images else self.get_all_property()
 
     def _hit(self, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:

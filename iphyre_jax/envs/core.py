@@ -77,8 +77,8 @@ class Environment:
     @property
     def worlds(self) -> Worlds:
         """What plays its episodes."""
-        timing = replace(self.protocol, name="")  # a name decides nothing
-        shared = self.topologies, self.dtype, timing, self.observation, self.limits, self.strategy.no_op_candidate
+        protocol = replace(self.protocol, name="")  # a name decides nothing
+        shared = self.topologies, self.dtype, protocol, self.observation, self.limits, self.strategy.no_op_candidate
         return HostWorlds(*shared, self.final_observation) if self.backend == "host" else TracedWorlds(*shared)
 
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
@@ -108,16 +108,16 @@ class Environment:
         params: EnvParams = self.worlds.params(scenes)
         return params
 
-    def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
+    def single_game(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
         """Return the environment and parameters of one game, with the same spaces; nothing else is compiled (host).
 
         Args:
             params: the games.
             game: row of the parameters.
         """
-        kind = int(np.asarray(params.kind)[game])
-        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[kind],))
-        return one, self.worlds.alone(params, game)
+        topology_id = int(np.asarray(params.topology_id)[game])
+        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[topology_id],))
+        return one, self.worlds.single_game(params, game)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -130,7 +130,7 @@ class Environment:
         Returns:
             The observation (see `observation_space`) and the state.
         """
-        return self.reset_to(_drawn(key, params), params)
+        return self.reset_to(_draw_game(key, params), params)
 
     @partial(jax.jit, static_argnums=0)
     def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -144,8 +144,8 @@ class Environment:
             As `reset`.
         """
         self.check_dtype()
-        seen, state = self.worlds.begin(params, jnp.asarray(game, jnp.int32))
-        return self._shown(params, state, seen), state
+        obs, state = self.worlds.reset(params, jnp.asarray(game, jnp.int32))
+        return self._observation(params, state, obs), state
 
     def step(
         self, key: jax.Array, state: EnvState, action: ArrayLike, params: EnvParams
@@ -177,7 +177,7 @@ class Environment:
     def _step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        next_game = _drawn(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
+        next_game = _draw_game(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
         return self.play(state, action, params, next_game)
 
     def play(
@@ -195,27 +195,27 @@ class Environment:
             As `step`.
         """
         before = self.worlds.status(params, state)
-        order = self.strategy.order(action, before.step, before.executed, before.present, self.protocol)
+        planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
-        stop_step = jnp.where(ended, before.step, order.stop_step)
-        executed = jnp.where(ended, before.executed, order.used)
-        out = self.worlds.play(params, state, order.plan, stop_step, executed, next_game)
+        stop_step = jnp.where(ended, before.step, planned.stop_step)
+        executed = jnp.where(ended, before.executed, planned.executed)
+        out = self.worlds.step(params, state, planned.plan, stop_step, executed, next_game)
         info = self._info(out.status)
         if self.final_observation:
-            info["final_observation"] = self._shown(params, out.last_state, out.last_seen)
-        seen = self._shown(params, out.state, out.seen)
-        return seen, out.state, self.reward(before, out.status), *self.ending(out.status), info
+            info["final_observation"] = self._observation(params, out.final_state, out.final_obs)
+        obs = self._observation(params, out.state, out.obs)
+        return obs, out.state, self.reward(before, out.status), *self.ending(out.status), info
 
     @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return what an agent sees of a state."""
-        seen = None if self.observation == "image" else self.worlds.observe(params, state)
-        return self._shown(params, state, seen)
+        obs = None if self.observation == "image" else self.worlds.observe(params, state)
+        return self._observation(params, state, obs)
 
-    def _shown(self, params: EnvParams, state: EnvState, seen: jax.Array | None) -> jax.Array:
+    def _observation(self, params: EnvParams, state: EnvState, obs: jax.Array | None) -> jax.Array:
         """Return an observation: the numbers seen, or a picture."""
-        if self.observation != "image" and seen is not None:
-            return seen
+        if self.observation != "image" and obs is not None:
+            return obs
         from iphyre_jax.observations.images import image
 
         return image(*self.worlds.pose(params, state), self.image_size)
@@ -285,7 +285,7 @@ class Environment:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 
 
-def _drawn(key: jax.Array, params: EnvParams) -> jax.Array:
+def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:
     """Return a game at random, () int32."""
     if params.games == 1:
         return jnp.zeros((), jnp.int32)

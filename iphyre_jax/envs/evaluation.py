@@ -145,9 +145,9 @@ def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps:
 def _acting(policy: Policy) -> ActingPolicy:
     """Return a policy as `unroll` wants it; the same for the same policy, which is then compiled once."""
 
-    def act(weights: object, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, tuple[()]]:
+    def act(weights: object, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
         del weights
-        return policy(key, seen), ()
+        return policy(key, obs), ()
 
     return act
 

@@ -27,7 +27,7 @@ OFFICIAL_RESETS = 2  # the environment builds its space, clears it and builds it
 
 
 @dataclass(frozen=True, eq=False)
-class Episodes:
+class PlanResults:
     """B finished in-advance episodes, in the order in which they were asked for."""
 
     reward: npt.NDArray[np.float64]  # (B,) 1000 if solved - 10 x eliminations - seconds
@@ -77,7 +77,7 @@ def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.
     return checked * checked.dtype.type(TIME_LIMIT)
 
 
-def play(
+def play_plans(
     scenes: Sequence[SceneLike],
     which: npt.ArrayLike,
     actions: npt.ArrayLike,
@@ -85,7 +85,7 @@ def play(
     fps: int = OFFICIAL_FPS,
     resets: int = OFFICIAL_RESETS,
     dtype: str = "float32",
-) -> Episodes:
+) -> PlanResults:
     """Play B in-advance episodes, any mixture of scenes.
 
     Args:
@@ -113,13 +113,13 @@ def play(
     steps = plan_to_steps(times, fps, "in_advance")
     steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)
     # A policy that has settled plays few different plans; equal ones end alike, so each is played once.
-    rows, again = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
+    rows, inverse = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
     played = simulate_many(loaded, rows[:, 0], rows[:, 1:], fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
-    return Episodes(
-        reward=played.reward[again],
-        success=played.success[again],
-        steps=played.steps[again],
-        eliminations=played.eliminations[again],
-        fault=played.fault[again],
+    return PlanResults(
+        reward=played.reward[inverse],
+        success=played.success[inverse],
+        steps=played.steps[inverse],
+        eliminations=played.eliminations[inverse],
+        fault=played.fault[inverse],
         eliminate_at=steps,
     )

@@ -30,7 +30,7 @@ class EnvParams(ABC):
 
     @property
     @abstractmethod
-    def kind(self) -> jax.Array:
+    def topology_id(self) -> jax.Array:
         """Topology of each game, (games,) int32, an index into those of the environment."""
 
 
@@ -43,14 +43,14 @@ class EnvState(ABC):
         """Row of the parameters, () int32."""
 
 
-class Played(NamedTuple):
+class StepResult(NamedTuple):
     """One decision of an episode."""
 
     state: Any  # now; of the next episode if this one has ended
-    seen: jax.Array  # of that state
+    obs: jax.Array  # of that state
     status: Status  # after the decision, of the episode that was played
-    last_state: Any  # of the episode that was played; None if it was not asked for
-    last_seen: jax.Array | None  # of that state
+    final_state: Any  # of the episode that was played; None if it was not asked for
+    final_obs: jax.Array | None  # of that state
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,15 @@ class Worlds(ABC):
         """Return scenes as parameters."""
 
     @abstractmethod
-    def alone(self, params: Any, game: int) -> Any:  # noqa: ANN401
+    def single_game(self, params: Any, game: int) -> Any:  # noqa: ANN401
         """Return the parameters of one game, for worlds of its topology alone (host)."""
 
     @abstractmethod
-    def begin(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
+    def reset(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
         """Return what is seen, and the state, of an episode before its first step."""
 
     @abstractmethod
-    def play(
+    def step(
         self,
         params: Any,  # noqa: ANN401
         state: Any,  # noqa: ANN401
@@ -88,7 +88,7 @@ class Worlds(ABC):
         stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
-    ) -> Played:
+    ) -> StepResult:
         """Play on.
 
         Args:

@@ -29,12 +29,12 @@ TIME_LIMIT: Final = 15.0  # s
 NEVER: Final = -1
 
 
-class Order(NamedTuple):
+class PlannedAction(NamedTuple):
     """What an action asks of the physics."""
 
     plan: jax.Array  # (slots,) int32, the step before which each slot's block goes, -1 for never
     stop_step: jax.Array  # () int32, steps made when the next action is due
-    used: jax.Array  # (slots,) bool, slots that were ever executed
+    executed: jax.Array  # (slots,) bool, slots that were ever executed
 
 
 class Ending(NamedTuple):
@@ -61,14 +61,14 @@ class InAdvance:
         """Return the space of actions: (slots,) float32 in [0, 1]."""
         return Box(0.0, 1.0, (self.slots,))
 
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
         """Return what an action asks for; see `Strategy`."""
-        instant = instants(action)
-        counts = _is_lowest(instant) & (instant >= 1) & (instant < FRAMES)
-        plan = jnp.where(counts, instant * protocol.steps_per_frame, NEVER)
-        return Order(plan, jnp.full_like(step, protocol.steps), used)
+        frames = removal_frames(action)
+        counts = _is_lowest(frames) & (frames >= 1) & (frames < FRAMES)
+        plan = jnp.where(counts, frames * protocol.steps_per_frame, NEVER)
+        return PlannedAction(plan, jnp.full_like(step, protocol.steps), executed)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""
@@ -91,13 +91,13 @@ class OnTheFly:
         """Return the space of actions: a whole number from 0 to slots."""
         return Discrete(self.slots + 1)
 
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
         """Return what an action asks for; see `Strategy`."""
         slot = lanes.iota(self.slots, step) + 1
         plan = jnp.where(jnp.asarray(action).astype(jnp.int32)[None] == slot, step[None], NEVER)
-        return Order(plan, step + protocol.steps_per_frame, used)
+        return PlannedAction(plan, step + protocol.steps_per_frame, executed)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""
@@ -131,18 +131,18 @@ class Combined:
         """Return the space of actions: (slots,) float32 in [0, 1]."""
         return Box(0.0, 1.0, (self.slots,))
 
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
         """Return what an action asks for; see `Strategy`."""
-        instant, now = instants(action), step // protocol.steps_per_frame
+        frames, now = removal_frames(action), step // protocol.steps_per_frame
         end = jnp.asarray(_ENDS if self.late_frame else np.full_like(_ENDS, FRAMES))[now]
-        due = _is_lowest(instant) & ~used & present & (instant >= jnp.maximum(now, 1)[None]) & (instant < end[None])
-        frame = jnp.min(jnp.where(due, instant, end[None]), axis=0)
-        chosen = due & (instant == frame[None])
+        due = _is_lowest(frames) & ~executed & present & (frames >= jnp.maximum(now, 1)[None]) & (frames < end[None])
+        frame = jnp.min(jnp.where(due, frames, end[None]), axis=0)
+        chosen = due & (frames == frame[None])
         plan = jnp.where(chosen, (frame * protocol.steps_per_frame)[None], NEVER)
         stop_step = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
-        return Order(plan, stop_step, used | chosen)
+        return PlannedAction(plan, stop_step, executed | chosen)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""
@@ -150,10 +150,10 @@ class Combined:
 
 
 Strategy = InAdvance | OnTheFly | Combined
-"""`order(action, step, used, standing, protocol)` takes the physics steps made, () int32, the slots executed so far and
-the slots whose block is still there, (slots,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
-whether the world is solved after a transition, and whether its time is over or it is no longer sound. `decisions` is
-the most that an episode may take."""
+"""`plan_action(action, step, executed, present, protocol)` turns an action into a `PlannedAction`. `step` is the number of
+physics steps made, () int32; `executed` and `present`, (slots,) bool, are the slots executed so far and those whose
+block is still there. `ending(success, out_of_time)` returns the flags of a transition; an episode is out of time at its
+last step, or when its world is no longer sound. `decisions` is the most that an episode may take."""
 
 # Frames at which an episode ends by the official clock, by the frame at which its last action starts.
 _ENDS: Final = np.array(
@@ -165,7 +165,7 @@ STRATEGIES: Final[Mapping[str, Strategy]] = MappingProxyType(
 )
 
 
-def instants(action: jax.Array) -> jax.Array:
+def removal_frames(action: jax.Array) -> jax.Array:
     """Return the frames that an action (slots,) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
 
     What is no number, or below 0 or above 15 s, is no frame of the episode.
@@ -177,10 +177,10 @@ def instants(action: jax.Array) -> jax.Array:
     return jnp.where((tenths >= 0) & (tenths <= FRAMES), tenths, NEVER).astype(jnp.int32)
 
 
-def _is_lowest(instant: jax.Array) -> jax.Array:
+def _is_lowest(frames: jax.Array) -> jax.Array:
     """Return which slots have no lower slot of the same time beside them, (slots,) bool."""
-    index = lanes.iota(instant.shape[0], instant[0])
-    same = instant[:, None] == instant[None]
+    index = lanes.iota(frames.shape[0], frames[0])
+    same = frames[:, None] == frames[None]
     return ~jnp.any(same & (index[None] < index[:, None]), axis=1)
 
 

@@ -19,7 +19,7 @@ from iphyre_jax.scenes.scene import Scene
 
 SCENES_KEPT: Final = 4096  # compiled scenes; some kilobytes each
 
-Rows = npt.NDArray[np.integer[Any]]
+Indices = npt.NDArray[np.integer[Any]]
 
 
 @lru_cache(SCENES_KEPT)
@@ -28,7 +28,7 @@ def cached_world(scene: Scene, resets: int, dtype: str) -> tuple[Topology, World
     return compile_scene(scene, resets=resets, dtype=dtype)
 
 
-def columns_for(plan: npt.NDArray[np.int32]) -> int:
+def plan_slots_for(plan: npt.NDArray[np.int32]) -> int:
     """Return how many columns a program has that plays plans (B, S): as many for all scenes of official limits."""
     return max(MAX_ELIMINABLE, plan.shape[1])
 
@@ -46,9 +46,9 @@ class Group:
     """
 
     topology: Topology
-    scene: Rows
-    rows: Rows
-    columns: Rows
+    scene: Indices
+    rows: Indices
+    columns: Indices
     table: Words
 
     def worlds(self, lanes: int) -> Words:
@@ -68,11 +68,11 @@ class Group:
 
 def group_by_topology(
     worlds: Sequence[tuple[Topology, World]],
-    scene: Rows,
-    rows: Rows,
+    scene: Indices,
+    rows: Indices,
     dtype: str,
     lanes: Callable[[Topology], int],
-    order: Callable[[Rows], Rows] = lambda rows: rows,
+    order: Callable[[Indices], Indices] = lambda rows: rows,
 ) -> list[Group]:
     """Sort worlds by topology, then scene, and cut them into groups; those of most moving bodies come first.
 

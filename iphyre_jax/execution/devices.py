@@ -31,18 +31,18 @@ LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never mea
 
 
 @dataclass(frozen=True)
-class Share:
+class Partition:
     """What this process has of the devices that play.
 
     Attributes:
         mesh: its own accelerators, on one axis; None for the threads of a CPU, or for JAX's default accelerator.
-        rank: its place among the processes.
-        ranks: number of processes.
+        process_index: its place among the processes.
+        process_count: number of processes.
     """
 
     mesh: Mesh | None
-    rank: int = 0
-    ranks: int = 1
+    process_index: int = 0
+    process_count: int = 1
 
     def lanes(self, topology: Topology, dtype: str) -> int:
         """Return how many worlds of a topology run side by side."""
@@ -72,24 +72,26 @@ def traced_lanes() -> int:
     return LANES if on_cpu() else LANES_OF_DEVICE
 
 
-def share_of(mesh: Mesh | None) -> Share:
+def partition_of(mesh: Mesh | None) -> Partition:
     """Return this process's share of a mesh of any axes.
 
     Raises:
         ValueError: it is no mesh, or has devices of some processes and not of others; one line.
     """
     if mesh is None:
-        return Share(None)
+        return Partition(None)
     if not isinstance(mesh, Mesh):
         raise ValueError(f"mesh: expected a jax.sharding.Mesh, as of jax.make_mesh, or None, got {mesh!r}")
     processes = {device.process_index for device in mesh.devices.flat}
-    rank, ranks = jax.process_index(), jax.process_count()
-    if processes not in ({rank}, set(range(ranks))):
-        raise ValueError(f"mesh: expected devices of this process alone or of all {ranks}, got {sorted(processes)}")
+    process_index, process_count = jax.process_index(), jax.process_count()
+    if processes not in ({process_index}, set(range(process_count))):
+        raise ValueError(
+            f"mesh: expected devices of this process alone or of all {process_count}, got {sorted(processes)}"
+        )
     own = None
     if not on_cpu():
-        own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == rank]), AXIS)
-    return Share(own) if processes == {rank} else Share(own, rank, ranks)
+        own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == process_index]), AXIS)
+    return Partition(own) if processes == {process_index} else Partition(own, process_index, process_count)
 
 
 def runner(program: Program, mesh: Mesh | None) -> Run:
@@ -123,7 +125,7 @@ def _spread(lanes: int, shape: jax.ShapeDtypeStruct) -> PartitionSpec:
     return PartitionSpec()
 
 
-def agree(*call: object) -> None:
+def check_same_call(*call: object) -> None:
     """Make sure that all processes have made the same call.
 
     Args:
@@ -135,22 +137,22 @@ def agree(*call: object) -> None:
     digest = hashlib.sha256()
     for part in call:
         digest.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
-    told = multihost_utils.process_allgather(np.frombuffer(digest.digest(), np.uint8))
-    if (told != told[0]).any():
+    gathered = multihost_utils.process_allgather(np.frombuffer(digest.digest(), np.uint8))
+    if (gathered != gathered[0]).any():
         raise ValueError("mesh: it spans processes, which must all make the same call with the same arguments")
 
 
-def gather(share: Share, rows: Sequence[npt.NDArray[np.integer[Any]]], array: npt.NDArray[Any]) -> None:
+def gather(partition: Partition, rows: Sequence[npt.NDArray[np.integer[Any]]], array: npt.NDArray[Any]) -> None:
     """Fill up an array, in every process, with the rows that the others have written.
 
     Args:
-        share: what this process has.
+        partition: what this process has.
         rows: for each rank, the rows that are its own.
         array: (B, ...), of any type.
     """
     own = np.zeros((max(map(len, rows)), *array.shape[1:]), array.dtype)
-    own[: len(rows[share.rank])] = array[rows[share.rank]]
+    own[: len(rows[partition.process_index])] = array[rows[partition.process_index]]
     with jax.enable_x64(True):
-        told = multihost_utils.process_allgather(own)
-    for rank, theirs in enumerate(rows):
-        array[theirs] = told[rank, : len(theirs)]
+        gathered = multihost_utils.process_allgather(own)
+    for process_index, theirs in enumerate(rows):
+        array[theirs] = gathered[process_index, : len(theirs)]

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.batching import Group, Rows, columns_for, group_by_topology
+from iphyre_jax.execution.batching import Group, Indices, group_by_topology, plan_slots_for
 from iphyre_jax.execution.compilation.executables import prepare
-from iphyre_jax.execution.devices import Share, gather, on_cpu, runner
-from iphyre_jax.execution.prefixes import play_prefixes
-from iphyre_jax.execution.programs import Advance, Score, clock, episode_layout
+from iphyre_jax.execution.devices import Partition, gather, on_cpu, runner
+from iphyre_jax.execution.prefixes import score_prefixes
+from iphyre_jax.execution.programs import Advance, Score, episode_layout, pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import Scene
@@ -50,10 +50,10 @@ class PlanBatch:
 
     scenes: list[Scene]
     worlds: list[tuple[Topology, World]]  # of the scenes
-    which: npt.NDArray[np.int64]  # (B,) scene of each
+    scene_index: npt.NDArray[np.int64]  # (B,) scene of each
     plan: npt.NDArray[np.int32]  # (B, S)
     settings: Settings
-    share: Share
+    partition: Partition
     success: npt.NDArray[np.bool_]
     steps: npt.NDArray[np.int64]
     eliminations: npt.NDArray[np.int64]
@@ -65,10 +65,10 @@ class PlanBatch:
         cls,
         scenes: list[Scene],
         worlds: list[tuple[Topology, World]],
-        which: npt.NDArray[np.int64],
+        scene_index: npt.NDArray[np.int64],
         plan: npt.NDArray[np.int32],
         settings: Settings,
-        share: Share,
+        partition: Partition,
     ) -> PlanBatch:
         """Return plays before they are played."""
         size, every = len(plan), settings.sample_every
@@ -78,33 +78,33 @@ class PlanBatch:
             samples = np.full(shape, np.nan, settings.dtype)
         steps, eliminations, fault = (np.zeros(size, np.int64) for _ in range(3))
         success = np.zeros(size, bool)
-        return cls(scenes, worlds, which, plan, settings, share, success, steps, eliminations, fault, samples)
+        return cls(scenes, worlds, scene_index, plan, settings, partition, success, steps, eliminations, fault, samples)
 
-    def play(self, rows: Rows, attempt: int) -> None:
+    def run(self, rows: Indices, attempt: int) -> None:
         """Play some rows; in several processes, each its own groups of them, and gather the results."""
-        share, dtype = self.share, self.settings.dtype
+        partition, dtype = self.partition, self.settings.dtype
         if self.settings.share_prefixes:
-            self._play_prefixes(rows, attempt)
+            self._run_prefixes(rows, attempt)
             return
         groups = group_by_topology(
-            self.worlds, self.which, rows, dtype, lambda topology: share.lanes(topology, dtype), self._alike
+            self.worlds, self.scene_index, rows, dtype, lambda topology: partition.lanes(topology, dtype), self._alike
         )
         if on_cpu():
             prepare([self._program(group.topology, attempt) for group in groups])
-        dealt = [groups[rank :: share.ranks] for rank in range(share.ranks)]
-        run_all(partial(self._play_group, attempt), dealt[share.rank])
-        if share.ranks > 1:
-            of_ranks = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in dealt]
+        dealt = [groups[process_index :: partition.process_count] for process_index in range(partition.process_count)]
+        run_all(partial(self._run_group, attempt), dealt[partition.process_index])
+        if partition.process_count > 1:
+            of_processes = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in dealt]
             for array in (self.success, self.steps, self.eliminations, self.fault, self.samples):
                 if array is not None:
-                    gather(share, of_ranks, array)
+                    gather(partition, of_processes, array)
 
-    def _play_prefixes(self, rows: Rows, attempt: int) -> None:
+    def _run_prefixes(self, rows: Indices, attempt: int) -> None:
         settings = self.settings
         worlds = [(self._roomy(topology, attempt), world) for topology, world in self.worlds]
         times = step_timing(settings.fps, settings.dtype)
-        which, plan = self.which[rows], self.plan[rows]
-        counts = play_prefixes(worlds, which, plan, times, settings.steps, self.share, settings.dtype)
+        scene_index, plan = self.scene_index[rows], self.plan[rows]
+        counts = score_prefixes(worlds, scene_index, plan, times, settings.steps, self.partition, settings.dtype)
         self._write(rows, counts)
 
     def _roomy(self, topology: Topology, attempt: int) -> Topology:
@@ -114,14 +114,14 @@ class PlanBatch:
         kind = Score if self.samples is None else Advance
         roomy = self._roomy(topology, attempt)
         dtype = self.settings.dtype
-        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns_for(self.plan))
+        return kind(roomy, dtype, self.partition.lanes(topology, dtype), plan_slots_for(self.plan))
 
-    def _play_group(self, attempt: int, group: Group) -> None:
+    def _run_group(self, attempt: int, group: Group) -> None:
         program = self._program(group.topology, attempt)
-        run, settings = runner(program, self.share.mesh), self.settings
+        run, settings = runner(program, self.partition.mesh), self.settings
         worlds = group.worlds(program.lanes)
-        plans = group.plans(self.plan, program.columns, program.lanes)
-        times = clock(step_timing(settings.fps, settings.dtype))
+        plans = group.plans(self.plan, program.plan_slots, program.lanes)
+        times = pack_timing(step_timing(settings.fps, settings.dtype))
         if isinstance(program, Score):
             counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
             self._write(group.rows, counts[:, : len(group.rows)])
@@ -141,7 +141,7 @@ class PlanBatch:
         every, steps = self.settings.sample_every or self.settings.steps, self.settings.steps
         return sorted({*range(0, steps + 1, every), steps})
 
-    def _write(self, rows: Rows, counts: npt.NDArray[np.integer[Any]]) -> None:
+    def _write(self, rows: Indices, counts: npt.NDArray[np.integer[Any]]) -> None:
         for array, values in zip((self.success, self.steps, self.eliminations, self.fault), counts, strict=True):
             array[rows] = values
 
@@ -156,7 +156,7 @@ class PlanBatch:
             _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)
             samples[rows, :, : scene.n_objects] = poses
 
-    def _alike(self, rows: Rows) -> Rows:
+    def _alike(self, rows: Indices) -> Indices:
         return _alike(rows, self.plan)
 
 

@@ -21,7 +21,7 @@ from iphyre_jax.execution.layout import Layout
 from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
-CLOCK: Final = 5  # numbers of a packed `Timing`
+TIMING_NUMBERS: Final = 5  # numbers of a packed `Timing`
 SOURCES: Final = ("physics", "rollouts.py", "execution/programs.py", "execution/layout.py")
 SPARE: Final = -2  # in a plan: this lane is over before it starts
 
@@ -53,14 +53,14 @@ class Program(Protocol):
         """Do the work; traced."""
 
 
-def clock(timing: Timing) -> npt.NDArray[np.floating]:
+def pack_timing(timing: Timing) -> npt.NDArray[np.floating]:
     """Return a `Timing` as one array, (CLOCK,)."""
     return np.concatenate([np.atleast_1d(np.asarray(part)) for part in jax.tree.leaves(timing)])
 
 
-def timing_of(numbers: jax.Array) -> Timing:
-    """Return the `Timing` of an array of `clock`."""
-    return Timing(numbers[0], numbers[1], numbers[2], numbers[3:CLOCK])
+def unpack_timing(numbers: jax.Array) -> Timing:
+    """Return the `Timing` of an array of `pack_timing`."""
+    return Timing(numbers[0], numbers[1], numbers[2], numbers[3:TIMING_NUMBERS])
 
 
 @lru_cache(1024)
@@ -107,7 +107,7 @@ class _OfPlans:
         topology: of the worlds, with the contact slots that they may use.
         dtype: of the physics.
         lanes: worlds side by side.
-        columns: of a plan.
+        plan_slots: of a plan.
     """
 
     sources: ClassVar[tuple[str, ...]] = SOURCES
@@ -115,7 +115,7 @@ class _OfPlans:
     topology: Topology
     dtype: str
     lanes: int
-    columns: int
+    plan_slots: int
 
     def plays(self) -> Shapes:
         """Return the shapes of worlds (rows, lanes), plans (columns, lanes), and clock.
@@ -125,8 +125,8 @@ class _OfPlans:
         layout = world_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word),
-            jax.ShapeDtypeStruct((self.columns, self.lanes), "int32"),
-            jax.ShapeDtypeStruct((CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((self.plan_slots, self.lanes), "int32"),
+            jax.ShapeDtypeStruct((TIMING_NUMBERS,), self.dtype),
         )
 
 
@@ -144,7 +144,7 @@ class Score(_OfPlans):
         def play(worlds: jax.Array, plan: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
-            out = rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]).result
+            out = rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]).result
             return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
 
         like = jax.ShapeDtypeStruct((4, plan.shape[1]), jnp.int32)
@@ -175,7 +175,7 @@ class Advance(_OfPlans):
                 lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
                 lambda: layout.unpack(episodes),
             )
-            return layout.pack(rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]))
+            return layout.pack(rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]))
 
         like = jax.ShapeDtypeStruct(episodes.shape, episodes.dtype)
         return (in_one_function(play, (worlds, plan, episodes), like, steps[1]),)

@@ -45,11 +45,11 @@ def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Resul
     try:
         take()
     finally:
-        begun = [helper for helper in helpers if not helper.cancel()]
+        started = [helper for helper in helpers if not helper.cancel()]
         try:
-            wait(begun)
+            wait(started)
         finally:
             stop.set()  # an interrupt of the wait ends the others too
-    for helper in begun:
+    for helper in started:
         helper.result()
     return [results[k] for k in range(len(given))]

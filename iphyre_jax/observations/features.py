@@ -48,8 +48,10 @@ class Features:
     12 objects and 6 slots, or as many as the limits of the scenes allow.
     """
 
-    rows: jax.Array | None  # (12, 9) the official table at the start, px and flags, for pictures; None without them
-    seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
+    object_rows: (
+        jax.Array | None
+    )  # (12, 9) the official table at the start, px and flags, for pictures; None without them
+    obs_rows: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
     mover: jax.Array  # (n,) int32, object of each moving body, NOTHING if there are fewer
     ends: jax.Array  # (m, 2, 2) px, end points of the moving bars less their centres at angle 0; zero for balls
     slot_object: jax.Array  # (6,) int32, object of each slot of a plan, NOTHING if there are fewer
@@ -69,8 +71,8 @@ def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Fe
     ends = np.zeros((bars, 2, 2))
     ends[: min(bars, len(movers))] = host.ends[movers[:bars]]
     features: dict[str, Any] = {
-        "rows": rows.astype(dtype),
-        "seen": scaled.clip(0.0, 1.0),
+        "object_rows": rows.astype(dtype),
+        "obs_rows": scaled.clip(0.0, 1.0),
         "mover": _padded(movers, max(topology.moving for topology in topologies)),
         "ends": ends.astype(dtype),
         "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
@@ -125,8 +127,8 @@ def pose_of(features: Features, present: jax.Array, episode: EpisodeState) -> Po
 
 def objects_there(features: Features, present: jax.Array) -> jax.Array:
     """Return which of the twelve objects are there, (12,) bool."""
-    index = lanes.iota(features.seen.shape[0], present[0])
-    there = features.seen[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    index = lanes.iota(features.obs_rows.shape[0], present[0])
+    there = features.obs_rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
     for slot in range(present.shape[0]):
         there = there & ((index != features.slot_object[slot][None]) | present[slot][None])
     return there
@@ -137,7 +139,7 @@ def object_table(features: Features, pose: Pose) -> jax.Array:
 
     A pair's number counts the pairs that are left, as the official class renumbers them.
     """
-    start = cast(jax.Array, features.rows)
+    start = cast(jax.Array, features.object_rows)
     placed = jax.lax.optimization_barrier(_placed(features.ends, pose))
     numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
     return _table(features, start, pose.there, placed, numbers)
@@ -147,12 +149,12 @@ def official_rows(features: Features, pose: Pose) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
     flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
     there = pose.there & pose.sound[None]
-    there, placed, flags = jax.lax.optimization_barrier((there, seen_ends(features.ends, pose), flags))
-    table = _table(features, features.seen.astype(jnp.float32), there, placed, flags)
+    there, placed, flags = jax.lax.optimization_barrier((there, scaled_ends(features.ends, pose), flags))
+    table = _table(features, features.obs_rows.astype(jnp.float32), there, placed, flags)
     return table.reshape(-1, *table.shape[2:])
 
 
-def seen_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+def scaled_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
     """Return x1, y1, x2, y2 of each moving body as they are seen, (4,) float32 in [0, 1]; ends: of `Features`."""
     # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
     screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
@@ -176,15 +178,15 @@ def motion(features: Features, episode: EpisodeState, steps: jax.Array) -> jax.A
     steps: () physics steps of a whole episode.
     """
     step = episode.state.step
-    objects = features.seen.shape[0]
+    objects = features.obs_rows.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
     for mover, speed in zip(features.mover, speeds(episode), strict=True):
         table = jnp.where((index == mover[None])[:, None], speed[None], table)
     time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler writes the division
-    seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
+    obs = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
     sound = episode.result.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
-    return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
+    return jnp.where(sound[None], obs, jnp.zeros((), jnp.float32))
 
 
 def _placed(ends: jax.Array, pose: Pose) -> list[jax.Array]:

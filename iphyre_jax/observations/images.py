@@ -19,7 +19,7 @@ def image(features: Features, pose: Pose, size: int) -> jax.Array:
 def drawing_of(features: Features, pose: Pose) -> Drawing:
     """Return what a picture of a world shows."""
     table, there = object_table(features, pose), pose.there
-    start = cast(jax.Array, features.rows)
+    start = cast(jax.Array, features.object_rows)
     ball = (start[:, 0] == start[:, 2]) & (start[:, 1] == start[:, 3])  # no bar is so short
     centre = jnp.stack([(table[:, 0] + table[:, 2]) / 2, (table[:, 1] + table[:, 3]) / 2], axis=1)
     spokes, spoke_length = _spokes(features, start[:, 4], ball, pose)

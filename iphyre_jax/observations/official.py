@@ -123,21 +123,21 @@ def observation(features: SceneFeatures, position: Array, angle: Array, alive: A
     """
     rows = object_rows(features, position, angle, alive, xp).astype(np.float32)
     scaled = xp.concatenate([rows[:, :LENGTH_COLUMNS] / np.float32(SCREEN), rows[:, LENGTH_COLUMNS:]], axis=1)
-    seen = xp.clip(scaled, np.float32(0), np.float32(1))
-    return xp.concatenate([seen.reshape(-1), xp.asarray(features.candidates).reshape(-1)])
+    obs = xp.clip(scaled, np.float32(0), np.float32(1))
+    return xp.concatenate([obs.reshape(-1), xp.asarray(features.candidates).reshape(-1)])
 
 
 def start_observation(scene: Scene) -> npt.NDArray[np.float32]:
     """The (120,) float32 observation of a scene before its first step."""
     features = scene_features(scene)
-    seen = observation(features, features.position, np.zeros(len(features.present)), features.present)
-    return np.asarray(seen, np.float32)
+    obs = observation(features, features.position, np.zeros(len(features.present)), features.present)
+    return np.asarray(obs, np.float32)
 
 
-def candidate_mask(seen: Array, slots: int = MAX_ELIMINABLE) -> Array:
+def candidate_mask(obs: Array, slots: int = MAX_ELIMINABLE) -> Array:
     """(..., slots) bool: the slots of an observation, (..., 120) for the official six, that stand for a block.
 
     A missing slot is the pair 0, 0; no eliminable block has its centre in the corner of the screen.
     """
-    candidates = seen[..., -2 * slots :]
-    return candidates.reshape(*seen.shape[:-1], slots, 2).any(axis=-1)
+    candidates = obs[..., -2 * slots :]
+    return candidates.reshape(*obs.shape[:-1], slots, 2).any(axis=-1)

@@ -156,7 +156,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
     play = executable(Record(topology, dtype, len(padded), length))
-    counts, *frames = play(words, padded, programs.clock(step_timing(rate, dtype)))
+    counts, *frames = play(words, padded, programs.pack_timing(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     return Recording(
         scene=scene,
@@ -223,14 +223,14 @@ class Record:
         return (
             jax.ShapeDtypeStruct((layout.rows, 1), layout.word),
             jax.ShapeDtypeStruct((self.columns,), "int32"),
-            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), self.dtype),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4,) int32, and the arrays of a `_Tape`."""
         words, plan, numbers = arguments
         world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
-        result, tape = _play(self.topology, self.length, world, programs.timing_of(numbers), plan)
+        result, tape = _play(self.topology, self.length, world, programs.unpack_timing(numbers), plan)
         counts = jnp.stack([result.success.astype(jnp.int32), result.steps, result.eliminations, result.fault])
         return counts, tape.pose, tape.velocity, tape.contact
 

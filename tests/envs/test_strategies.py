@@ -13,7 +13,7 @@ import pytest
 
 from iphyre_jax import load_scene, make
 from iphyre_jax.envs.protocols import PROTOCOLS
-from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, instants
+from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, removal_frames
 from iphyre_jax.observations.official import object_rows, scene_features
 from parity.engines.reference import ReferenceWorld
 from parity.official.drivers import DRIVERS, combined, random_actions
@@ -86,8 +86,8 @@ def test_strategies_play_as_their_drivers_do(strategy: str, game: str) -> None:
             np.testing.assert_array_equal(played[name][k, :steps], official)
         official = [step.reward for step in episode.transitions]
         np.testing.assert_allclose(played["rewards"][k, :steps], official, rtol=1e-6, atol=1e-4)
-        seen = [episode.start, *(step.observation for step in episode.transitions)]
-        np.testing.assert_allclose(played["observations"][k, : steps + 1], seen, rtol=0, atol=1e-6)
+        obs = [episode.start, *(step.observation for step in episode.transitions)]
+        np.testing.assert_allclose(played["observations"][k, : steps + 1], obs, rtol=0, atol=1e-6)
         np.testing.assert_array_equal(played["rewards"][k, steps:], 0)  # what has ended stays so
 
 
@@ -102,15 +102,15 @@ def test_instants_round_as_numpy_does() -> None:
     near_half = (np.arange(300) + 0.5) / 300 + rng.uniform(-1e-7, 1e-7, 300)
     actions = np.concatenate([rng.uniform(0, 1, 20_000), near_half, np.arange(151) / 150]).astype(np.float32)
     expected = np.rint(np.round(actions * np.float32(15), 1) * 10)
-    np.testing.assert_array_equal(jax.jit(instants)(actions), expected)
+    np.testing.assert_array_equal(jax.jit(removal_frames)(actions), expected)
     with jax.enable_x64(True):
         precise = actions.astype(np.float64)
-        np.testing.assert_array_equal(jax.jit(instants)(precise), np.rint(np.round(precise * 15, 1) * 10))
+        np.testing.assert_array_equal(jax.jit(removal_frames)(precise), np.rint(np.round(precise * 15, 1) * 10))
 
 
 def test_what_is_no_share_is_no_instant() -> None:
     odd = np.array([np.nan, np.inf, -np.inf, -0.2, 1.2, 1e30], np.float32)
-    np.testing.assert_array_equal(instants(odd), -1)
+    np.testing.assert_array_equal(removal_frames(odd), -1)
 
 
 def test_in_advance_ties_and_ends_by_hand() -> None:

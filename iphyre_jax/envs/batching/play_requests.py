@@ -23,7 +23,7 @@ class PlayRequest:
 
 
 @partial(jax.jit, static_argnums=0)
-def start(topology: Topology, world: World) -> EpisodeState:
+def initial_episode(topology: Topology, world: World) -> EpisodeState:
     """Return the episode of one world of a topology before its first step."""
     return reset_episode(topology, world, jnp.zeros((), bool))
 

@@ -37,12 +37,12 @@ def present(world: World, episode: EpisodeState, slots: int) -> jax.Array:
     return jnp.stack(here)
 
 
-GAME, STEP, SUCCESS, FAULT, STANDING = 0, 1, 2, 5, 6  # where a packed status has them
+GAME, STEP, SUCCESS, FAULT, PRESENT = 0, 1, 2, 5, 6  # where a packed status has them
 
 
 def status_words(slots: int) -> int:
     """Return how many words a packed status has."""
-    return STANDING + 2 * slots
+    return PRESENT + 2 * slots
 
 
 def status_rows(status: Status) -> list[jax.Array]:
@@ -52,7 +52,7 @@ def status_rows(status: Status) -> list[jax.Array]:
 
 def unpack_status(words: jax.Array) -> Status:
     """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
-    slots = (words.shape[0] - STANDING) // 2
-    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(STANDING))
-    there, executed = words[STANDING : STANDING + slots] != 0, words[STANDING + slots :] != 0
+    slots = (words.shape[0] - PRESENT) // 2
+    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(PRESENT))
+    there, executed = words[PRESENT : PRESENT + slots] != 0, words[PRESENT + slots :] != 0
     return Status(game, step, success != 0, steps, eliminations, fault, there, executed)

@@ -18,13 +18,13 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.layout import WORD, Layout
-from iphyre_jax.observations.features import Pose, seen_ends, speeds
+from iphyre_jax.observations.features import Pose, scaled_ends, speeds
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
 BLOCK: Final = 48  # rows that are turned over at a time: as many lines as the first cache holds of rows 512 bytes apart
-SHOWN: Final = 7  # numbers of what is seen of a moving body
-BEGIN: Final = -1  # in place of a step to play to: the episode begins, and nothing is played
+BODY_OBS: Final = 7  # numbers of what is seen of a moving body
+RESET: Final = -1  # in place of a step to play to: the episode begins, and nothing is played
 
 
 @lru_cache(1024)
@@ -58,17 +58,17 @@ class EnvStep:
     slots: int
 
     @property
-    def row(self) -> int:
+    def episode_words(self) -> int:
         """Words of an episode."""
         return status_words(self.slots) + programs.episode_layout(self.topology, self.dtype).rows
 
     @property
-    def shown(self) -> int:
-        """Numbers that tell what is seen of the moving bodies: `seen_ends` and `speeds` of each."""
-        return SHOWN * self.topology.moving
+    def body_obs_size(self) -> int:
+        """Numbers that tell what is seen of the moving bodies: `scaled_ends` and `speeds` of each."""
+        return BODY_OBS * self.topology.moving
 
     @property
-    def order(self) -> int:
+    def request_words(self) -> int:
         """Words of what a world is to do: a plan, the step to play to or BEGIN, and the slots executed then."""
         return 2 * self.slots + 1
 
@@ -80,22 +80,22 @@ class EnvStep:
         scene = scene_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
-            jax.ShapeDtypeStruct((self.lanes, self.row + self.order), scene.word),
-            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.request_words), scene.word),
+            jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), self.dtype),
             jax.ShapeDtypeStruct((1,), "int32"),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return episodes as they are then, and the bits of what is seen of their bodies, (lanes, row + shown)."""
         scenes, worlds, numbers, once = arguments
-        timing = programs.timing_of(numbers)
+        timing = programs.unpack_timing(numbers)
 
         def play(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
             world, ends = scene_layout(self.topology, self.dtype).unpack(scenes)
             tables = self._play(world, ends, worlds.T, timing, once)
-            return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.shown), worlds.dtype))
+            return _turned_over(tables, jnp.zeros((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype))
 
-        like = jax.ShapeDtypeStruct((self.lanes, self.row + self.shown), worlds.dtype)
+        like = jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype)
         return (programs.in_one_function(play, (scenes, worlds), like, once[0]),)
 
     def _play(
@@ -104,10 +104,10 @@ class EnvStep:
         """Return words and numbers of the episodes, and parts of what is seen of them; all have lanes behind."""
         blocks, first = self.slots, status_words(self.slots)
         layout = programs.episode_layout(self.topology, self.dtype)
-        episodes, orders = worlds[: self.row], worlds[self.row :].astype(jnp.int32)
-        plan, stop_step, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
-        episode = _begun(self.topology, world, stop_step == BEGIN, layout.unpack(episodes[first:]))
-        stop_step = jnp.where(stop_step == BEGIN, episode.state.step, stop_step)
+        episodes, requests = worlds[: self.episode_words], worlds[self.episode_words :].astype(jnp.int32)
+        plan, stop_step, executed = requests[:blocks], requests[blocks], requests[blocks + 1 :] != 0
+        episode = _reset_where(self.topology, world, stop_step == RESET, layout.unpack(episodes[first:]))
+        stop_step = jnp.where(stop_step == RESET, episode.state.step, stop_step)
         request = PlayRequest(episodes[0].astype(jnp.int32), plan, stop_step)
         episode = run_requests(self.topology, timing, world, request, episode)
         status = status_of(request.game, world, episode, executed)
@@ -119,8 +119,8 @@ class EnvStep:
             sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
             position = episode.state.position
             pose = Pose(position.x, position.y, episode.state.angle, status.present, sound)
-            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(episode), strict=True)]
-            rows = jnp.concatenate(shown)
+            body_obs = [jnp.concatenate(pair) for pair in zip(scaled_ends(ends, pose), speeds(episode), strict=True)]
+            rows = jnp.concatenate(body_obs)
             return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
 
         # In a branch of its own, always taken: else it is made number by number while it is turned over.
@@ -141,11 +141,11 @@ def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
     return out
 
 
-def _begun(topology: Topology, world: World, begins: jax.Array, episode: EpisodeState) -> EpisodeState:
+def _reset_where(topology: Topology, world: World, is_reset: jax.Array, episode: EpisodeState) -> EpisodeState:
     """Return episodes, those that begin as they are before their first step."""
 
     def fresh() -> EpisodeState:
-        start = rollouts.reset_episode(topology, world, jnp.zeros_like(begins))
-        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(begins, old.shape), new, old), start, episode)
+        start = rollouts.reset_episode(topology, world, jnp.zeros_like(is_reset))
+        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(is_reset, old.shape), new, old), start, episode)
 
-    return jax.lax.cond(jnp.any(begins), fresh, lambda: episode)
+    return jax.lax.cond(jnp.any(is_reset), fresh, lambda: episode)

@@ -1,11 +1,11 @@
 """Worlds of several topologies in one program.
 
 A topology decides what is compiled, so a batch that mixes games needs one program for each of them, and arrays of one
-shape for all. `Mixture` gives both: every array of a world is filled up with rows at its end to the largest of the
-mixture; `play` cuts off the rows that are not the world's own, runs its topology's program and fills up again. So each
+shape for all. `TopologySet` gives both: every array of a world is filled up with rows at its end to the largest of the
+mixture; `run` cuts off the rows that are not the world's own, runs its topology's program and fills up again. So each
 world is computed as it would be in a batch of its own kind.
 
-`play` is written for one world. Under `jax.vmap`, nested or not, it does not become "play every topology for every
+`run` is written for one world. Under `jax.vmap`, nested or not, it does not become "play every topology for every
 world and select": the worlds are sorted by topology and played in chunks of lanes (trailing axes, see `physics.types`),
 each chunk by the program of its own topology.
 """
@@ -21,14 +21,14 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.batching.padded_shapes import Rows
-from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests, start
-from iphyre_jax.envs.batching.sorting import play_slices, play_sorted
+from iphyre_jax.envs.batching.padded_shapes import PaddedShapes
+from iphyre_jax.envs.batching.play_requests import PlayRequest, initial_episode, run_requests
+from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
 from iphyre_jax.execution.devices import traced_lanes
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import EpisodeState
 
-Play = Callable[[Timing, "Games", PlayRequest, EpisodeState], EpisodeState]
+Run = Callable[[Timing, "Games", PlayRequest, EpisodeState], EpisodeState]
 
 
 @jax.tree_util.register_dataclass
@@ -37,47 +37,49 @@ class Games:
     """A table of worlds, filled up, one a row of every array."""
 
     world: World
-    kind: jax.Array  # (games,) int32, index into the mixture's topologies
+    topology_id: jax.Array  # (games,) int32, index into the mixture's topologies
 
 
 @dataclass(frozen=True)
-class Mixture:
+class TopologySet:
     """The topologies that one program plays; hashable, hence static under `jax.jit`.
 
     Attributes:
-        topologies: in the order in which `Games.kind` counts them.
+        topologies: in the order in which `Games.topology_id` counts them.
         worlds: shapes of a world of each.
         episodes: shapes of its progress.
     """
 
     topologies: tuple[Topology, ...]
-    worlds: tuple[Rows, ...]
-    episodes: tuple[Rows, ...]
+    worlds: tuple[PaddedShapes, ...]
+    episodes: tuple[PaddedShapes, ...]
 
     @classmethod
     @cache
-    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> Mixture:
+    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> TopologySet:
         """Return the mixture of some topologies, at least one; dtype: of the physics."""
         with jax.enable_x64(dtype == "float64"):
             worlds = [World.shapes(topology, dtype) for topology in topologies]
-            starts = [jax.eval_shape(partial(start, t), world) for t, world in zip(topologies, worlds, strict=True)]
-        return cls(topologies, tuple(map(Rows.of, worlds)), tuple(map(Rows.of, starts)))
+            starts = [
+                jax.eval_shape(partial(initial_episode, t), world) for t, world in zip(topologies, worlds, strict=True)
+            ]
+        return cls(topologies, tuple(map(PaddedShapes.of, worlds)), tuple(map(PaddedShapes.of, starts)))
 
-    def only(self, kind: int) -> Mixture:
+    def only(self, topology_id: int) -> TopologySet:
         """Return the mixture of one of the topologies."""
-        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.episodes[kind],))
+        return TopologySet((self.topologies[topology_id],), (self.worlds[topology_id],), (self.episodes[topology_id],))
 
     @property
-    def world(self) -> Rows:
+    def world(self) -> PaddedShapes:
         """The shapes of a world filled up."""
-        return Rows.largest(self.worlds)
+        return PaddedShapes.largest(self.worlds)
 
     @property
-    def episode(self) -> Rows:
+    def episode(self) -> PaddedShapes:
         """The shapes of a progress filled up."""
-        return Rows.largest(self.episodes)
+        return PaddedShapes.largest(self.episodes)
 
-    def play(self, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+    def run(self, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
         """Play one world until `request.stop_step` steps are made or its episode is done; one that is done stays.
 
         Args:
@@ -90,11 +92,11 @@ class Mixture:
 
 
 @cache
-def _vmappable(mixture: Mixture) -> Play:
-    """Return `play` of a mixture, which takes one world or a batch of them on a leading axis."""
-    play = custom_vmap(jax.jit(partial(_play, mixture)))
+def _vmappable(topology_set: TopologySet) -> Run:
+    """Return `run` of a mixture, which takes one world or a batch of them on a leading axis."""
+    run = custom_vmap(jax.jit(partial(_run, topology_set)))
 
-    @play.def_vmap
+    @run.def_vmap
     def batched(
         size: int, mapped: Sequence[object], timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState
     ) -> tuple[EpisodeState, EpisodeState]:
@@ -107,36 +109,46 @@ def _vmappable(mixture: Mixture) -> Play:
         request, episode = jax.tree.map(with_axis, (request, episode), tuple(mapped[2:]))
         if any(jax.tree.leaves(mapped[1])):  # a table for each: one below the other
             games = jax.tree.map(with_axis, games, mapped[1])
-            each = games.kind.shape[1]
+            each = games.topology_id.shape[1]
             games = jax.tree.map(lambda leaf: leaf.reshape(size * each, *leaf.shape[2:]), games)
             first = each * jnp.arange(size, dtype=jnp.int32)
             request = replace(request, game=request.game + first.reshape(size, *(1,) * (request.game.ndim - 1)))
         batch = request.game.shape
         count = math.prod(batch)
         flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (request, episode))
-        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, games, *flat))
+        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), run(timing, games, *flat))
         return out, jax.tree.map(lambda _: True, out)
 
-    return play
+    return run
 
 
-def _play(mixture: Mixture, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+def _run(
+    topology_set: TopologySet, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState
+) -> EpisodeState:
     """Play one world, or a batch on the leading axis."""
-    branches = [partial(_play_kind, mixture, kind, timing, games.world) for kind in range(len(mixture.topologies))]
+    branches = [
+        partial(_run_topology, topology_set, topology_id, timing, games.world)
+        for topology_id in range(len(topology_set.topologies))
+    ]
     if request.game.ndim == 0:
-        return jax.lax.switch(games.kind[request.game], branches, request, episode)
+        return jax.lax.switch(games.topology_id[request.game], branches, request, episode)
     size = request.game.shape[0]
     lanes = min(size, traced_lanes())
     if len(branches) == 1:
-        return play_slices(branches[0], lanes, request, episode)
-    return play_sorted(branches, lanes, games.kind[request.game], request, episode)
+        return run_slices(branches[0], lanes, request, episode)
+    return run_sorted(branches, lanes, games.topology_id[request.game], request, episode)
 
 
-def _play_kind(
-    mixture: Mixture, kind: int, timing: Timing, worlds: World, request: PlayRequest, episode: EpisodeState
+def _run_topology(
+    topology_set: TopologySet,
+    topology_id: int,
+    timing: Timing,
+    worlds: World,
+    request: PlayRequest,
+    episode: EpisodeState,
 ) -> EpisodeState:
     """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
-    own = mixture.worlds[kind]
+    own = topology_set.worlds[topology_id]
     one = jax.tree.leaves(worlds)[0].shape[0] == 1
 
     def in_lanes(leaf: jax.Array) -> jax.Array:
@@ -145,6 +157,8 @@ def _play_kind(
             return jnp.broadcast_to(rows, (*leaf.shape[1:], *request.game.shape))
         return jnp.moveaxis(leaf[request.game], 0, -1) if request.game.ndim else leaf[request.game]
 
-    world = own.cut(jax.tree.map(in_lanes, worlds))
-    after = run_requests(mixture.topologies[kind], timing, world, request, mixture.episodes[kind].cut(episode))
-    return mixture.episode.fill(after)
+    world = own.unpad(jax.tree.map(in_lanes, worlds))
+    after = run_requests(
+        topology_set.topologies[topology_id], timing, world, request, topology_set.episodes[topology_id].unpad(episode)
+    )
+    return topology_set.episode.pad(after)

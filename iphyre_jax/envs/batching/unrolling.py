@@ -39,7 +39,7 @@ class Batch:
 
     params: EnvParams
     state: EnvState  # (B, ...)
-    seen: jax.Array  # (B, ...) observation of that state
+    obs: jax.Array  # (B, ...) observation of that state
 
     @classmethod
     def of(cls, environment: Environment, params: EnvParams, games: npt.ArrayLike) -> Batch:
@@ -59,8 +59,8 @@ class Batch:
         if rows.min() < 0 or rows.max() >= params.games:
             raise ValueError(f"games: expected rows of {params.games} games, got {rows.min()} to {rows.max()}")
         with jax.enable_x64(environment.dtype == "float64"):
-            seen, state = _begin(environment, jnp.asarray(rows, jnp.int32), params)
-        return cls(params, state, seen)
+            obs, state = _reset(environment, jnp.asarray(rows, jnp.int32), params)
+        return cls(params, state, obs)
 
     @property
     def game(self) -> jax.Array:
@@ -81,7 +81,7 @@ class Steps(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=0)
-def _begin(environment: Environment, games: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+def _reset(environment: Environment, games: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
     return jax.vmap(environment.reset_to, in_axes=(0, None))(games, params)
 
 
@@ -119,8 +119,8 @@ def unroll(
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)
 
-    def one(state: EnvState, seen: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, ...]:
-        action, extras = policy(weights, key, seen)
+    def one(state: EnvState, obs: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, ...]:
+        action, extras = policy(weights, key, obs)
         action = environment.action_space().array(action)
         ended = environment.has_ended(environment.worlds.status(batch.params, state))
         out = environment.play(state, action, batch.params, game)
@@ -131,8 +131,8 @@ def unroll(
         out, steps = jax.vmap(one)(*now, own, game)
         return (out[1], out[0]), steps
 
-    (state, seen), steps = jax.lax.scan(decide, (batch.state, batch.seen), jnp.arange(decisions, dtype=jnp.int32))
-    return replace(batch, state=state, seen=seen), steps
+    (state, obs), steps = jax.lax.scan(decide, (batch.state, batch.obs), jnp.arange(decisions, dtype=jnp.int32))
+    return replace(batch, state=state, obs=obs), steps
 
 
 def unroll_on_threads(

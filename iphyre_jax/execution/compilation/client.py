@@ -39,14 +39,14 @@ class Executable:
     def __init__(self, payload: bytes) -> None:
         self._loaded = _client().deserialize_executable(payload, xla_client.DeviceList(tuple(_devices())))
 
-    def __call__(self, *arrays: npt.NDArray[Any] | OnClient) -> Arrays:
+    def __call__(self, *arrays: npt.NDArray[Any] | ClientArray) -> Arrays:
         """Run the program; arrays must have its shapes and types, and must not change before the call returns."""
-        given = [array.array if isinstance(array, OnClient) else _put(array) for array in arrays]
+        given = [array.array if isinstance(array, ClientArray) else _device_put(array) for array in arrays]
         results = self._loaded.execute_sharded(given).disassemble_into_single_device_arrays()
         return tuple(np.asarray(shards[0]) for shards in results)
 
 
-class OnClient:
+class ClientArray:
     """An array that executables take again and again without any work; it must not change.
 
     Args:
@@ -54,10 +54,10 @@ class OnClient:
     """
 
     def __init__(self, array: npt.NDArray[Any]) -> None:
-        self.array = _put(array)
+        self.array = _device_put(array)
 
 
-def _put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
+def _device_put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
     aval = _aval(array.shape, array.dtype)
     if array.itemsize == 8:  # without it 64 bits become 32, whatever the aval says
         with jax.enable_x64(True):

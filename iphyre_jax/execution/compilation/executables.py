@@ -24,7 +24,7 @@ import numpy as np
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import cache_folder
-from iphyre_jax.execution.compilation.client import Arrays, Executable, OnClient
+from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable
 from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
@@ -138,8 +138,8 @@ def _plain(program: Program) -> Run:
     """Compile a program in this process."""
     run = jax.jit(program.run)
 
-    def call(*arrays: np.ndarray[Any, Any] | OnClient) -> Arrays:
-        given = [np.asarray(array.array) if isinstance(array, OnClient) else array for array in arrays]
+    def call(*arrays: np.ndarray[Any, Any] | ClientArray) -> Arrays:
+        given = [np.asarray(array.array) if isinstance(array, ClientArray) else array for array in arrays]
         with jax.enable_x64(program.dtype == "float64"):
             return tuple(np.asarray(result) for result in run(*given))
 

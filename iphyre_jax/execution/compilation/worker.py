@@ -24,7 +24,7 @@ from iphyre_jax.execution.programs import Program
 IDLE_SECONDS: Final = 60.0
 
 
-def compiled(program: Program) -> bytes:
+def compile_program(program: Program) -> bytes:
     """Return the executable of a program, serialised."""
     with jax.enable_x64(program.dtype == "float64"):
         lowered = jax.jit(program.run, keep_unused=True).lower(*program.arguments())
@@ -39,7 +39,7 @@ def _answer(line: str) -> dict[str, Any]:
         program = from_description(request["program"])
         if source_sum(program.sources) != request["key"]["source"]:
             return {"error": "the package's files have changed since this process started"}
-        write_entry(Path(request["path"]), request["key"], compiled(program))
+        write_entry(Path(request["path"]), request["key"], compile_program(program))
     except Exception as error:  # whatever it is, the process that asked must hear of it
         return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
     return {}

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batching.status import FAULT, GAME, STANDING, STEP
-from iphyre_jax.envs.batching.step_program import SHOWN
+from iphyre_jax.envs.batching.status import FAULT, GAME, PRESENT, STEP
+from iphyre_jax.envs.batching.step_program import BODY_OBS
 from iphyre_jax.execution.layout import pieces, void
 from iphyre_jax.observations.features import Features, motion_size, rows_size
 from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, pair_number
@@ -28,7 +28,7 @@ Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.signedinteger[Any]]
 
 
-class HostViews:
+class HostObservations:
     """Observations of the games of one table.
 
     Args:
@@ -39,7 +39,7 @@ class HostViews:
 
     def __init__(self, features: Features, observation: ObservationName, *, no_op: bool) -> None:
         self._features, self._motion, self._no_op = features, observation == "motion", no_op
-        games, objects = np.shape(features.seen)[:2]
+        games, objects = np.shape(features.obs_rows)[:2]
         slots = np.shape(features.slot_object)[1]
         self.size = observation_size(observation, objects, slots + no_op)
         self._rows = rows_size(objects)
@@ -49,18 +49,18 @@ class HostViews:
         self._games = games
         self._forget()
 
-    def write(self, out: Floats, status: Ints, shown: Floats, steps: int) -> None:
+    def write(self, out: Floats, status: Ints, body_obs: Floats, steps: int) -> None:
         """Fill in observations.
 
         Args:
             out: (B, size), contiguous.
             status: (B, words) as of `status_rows`.
-            shown: (B, 7 n) as of `EnvStep.shown`, filled up.
+            body_obs: (B, 7 n) as of `EnvStep.body_obs`, filled up.
             steps: of a whole episode, the unit of the time.
         """
         game, step, fault = status[:, GAME], status[:, STEP], status[:, FAULT]
         with self._lock:
-            ids = self._ids(game, status[:, STANDING : STANDING + len(self._powers)] != 0)
+            ids = self._ids(game, status[:, PRESENT : PRESENT + len(self._powers)] != 0)
             kept = self._kept
         pieces(out, 0, self.size)[:] = pieces(kept, 0, self.size)[ids]
         broken = np.flatnonzero(fault == FAULT_NOT_FINITE)
@@ -69,19 +69,21 @@ class HostViews:
         for body in range(self._mover.shape[1]):
             mover = self._mover[game, body]
             rows = None if (mover >= 0).all() else np.flatnonzero(mover >= 0)
-            self._write_body(out, start, mover, rows, shown, SHOWN * body)
+            self._write_body(out, start, mover, rows, body_obs, BODY_OBS * body)
         if self._motion:
             out[:, -1] = step.astype(np.float32) * (1 / np.float32(steps))
             out[broken, -1] = 0
 
-    def _write_body(self, out: Floats, start: Ints, mover: Ints, rows: Ints | None, shown: Floats, column: int) -> None:
+    def _write_body(
+        self, out: Floats, start: Ints, mover: Ints, rows: Ints | None, body_obs: Floats, column: int
+    ) -> None:
         """Write ends and speeds of one moving body of each world, those of `rows` only, as pieces of memory."""
         parts = [(4, COLUMNS, 0, column)]
         if self._motion:
             parts.append((3, 3, self.size - motion_size(self._rows // COLUMNS), column + 4))
         for width, stride, first, source in parts:
             where = start + (first + stride * mover)
-            what = _windows(shown, width)[source :: shown.shape[1]]
+            what = _windows(body_obs, width)[source :: body_obs.shape[1]]
             if rows is None:
                 _windows(out, width)[where] = what
             else:
@@ -121,7 +123,7 @@ class HostViews:
     def _row(self, game: int, present: npt.NDArray[np.bool_]) -> Floats:
         """Return the observation of a game with some blocks left; what moves is written over it."""
         features = self._features
-        table = np.array(features.seen[game], np.float32)
+        table = np.array(features.obs_rows[game], np.float32)
         there = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
         for block, stands in zip(np.asarray(features.slot_object)[game], present, strict=True):
             if block >= 0 and not stands:
