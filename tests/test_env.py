@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from iphyre_jax import GAMES, SPLITS, load_scene
 from iphyre_jax.envs.in_advance import action_to_times, load_scenes, observation_table, play_plans
-from iphyre_jax.observations.official import candidate_mask, object_rows, observation, scene_features, start_observation
+from iphyre_jax.observations.features import Pose, official_rows, scene_tables
+from iphyre_jax.observations.official import object_rows, observation, scene_features, start_observation
 from iphyre_jax.rules import episode_reward
+from iphyre_jax.scenes.compile import compile_scene
+from iphyre_jax.train.observations import slot_mask
 
 STILL = np.zeros(12)
 
@@ -83,14 +87,21 @@ def test_a_turned_bar_and_clipping() -> None:
     np.testing.assert_array_equal(ball[:4], [0, 1, 0, 1])
 
 
-def test_jax_and_numpy_observe_alike() -> None:
-    features = scene_features(load_scene("multi_ball_spring"))
-    angle = np.linspace(-1, 1, 12).astype(np.float32)
-    position = features.position.astype(np.float32)
-    there = jnp.asarray(position), jnp.asarray(angle), jnp.asarray(features.present)
-    ours = observation(features, *there, jnp)
-    assert ours.dtype == jnp.float32
-    np.testing.assert_allclose(ours, observation(features, position, angle, features.present), atol=1e-6)
+def test_device_and_host_observe_alike() -> None:
+    """Rows in JAX and in NumPy, of a whole scene and with each block gone."""
+    scene = load_scene("multi_ball_spring")
+    host, topology = scene_features(scene), compile_scene(scene)[0]
+    angle, position = np.linspace(-1, 1, 12), host.position.copy()
+    movers = np.flatnonzero(scene.dynamic)
+    angle[~np.isin(np.arange(12), movers)] = 0.0
+    position[movers] += 20.0
+    features = jax.tree.map(jnp.asarray, scene_tables(scene, [topology], "float32"))
+    for gone in (None, *scene.eliminable_blocks):
+        present = host.present & (np.arange(12) != gone)
+        x, y = jnp.asarray(position[movers].T, jnp.float32)
+        pose = Pose(x, y, jnp.asarray(angle[movers], jnp.float32), jnp.asarray(present), jnp.ones((), bool))
+        expected = observation(host, position, angle, present)[:108]
+        np.testing.assert_allclose(official_rows(features, pose), expected, atol=1e-6)
 
 
 def test_table_of_all_games_is_in_the_box_and_masks_slots() -> None:
@@ -100,8 +111,8 @@ def test_table_of_all_games_is_in_the_box_and_masks_slots() -> None:
     assert table.min() >= 0
     assert table.max() <= 1
     blocks = [len(load_scene(game).eliminable_blocks) for game in GAMES]
-    np.testing.assert_array_equal(candidate_mask(table).sum(axis=1), blocks)
-    np.testing.assert_array_equal(candidate_mask(table), np.arange(6) < np.array(blocks)[:, None])
+    np.testing.assert_array_equal(np.asarray(slot_mask(table)).sum(axis=1), blocks)
+    np.testing.assert_array_equal(slot_mask(table), np.arange(6) < np.array(blocks)[:, None])
 
 
 def test_reward_by_hand() -> None:

@@ -123,7 +123,7 @@ class Layout:
             leaves.append(part.view(dtype) if dtype == self.dtype else part.astype(dtype))
         return self.structure.unflatten(leaves)
 
-    def places(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+    def first_rows(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the first row of each array, as a tree."""
         return self.structure.unflatten(self.starts)
 

@@ -149,8 +149,8 @@ class PlanBatch:
         """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""
         samples = cast(npt.NDArray[np.floating[Any]], self.samples)
         moved, stops = moved[: samples.shape[1]], self._stops()
-        for index in np.unique(group.scene):
-            scene, at = self.scenes[index], group.scene == index
+        for index in np.unique(group.scene_index):
+            scene, at = self.scenes[index], group.scene_index == index
             rows = group.rows[at]
             poses = _poses(scene, moved[:, :, at])
             _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)

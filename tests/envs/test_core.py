@@ -178,7 +178,7 @@ def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> No
     _, state = jax.vmap(env.reset, in_axes=(0, None))(keys(0), params)
     (topology,) = env.topologies
     layout, first = episode_layout(topology, "float32"), status_words(env.limits.blocks)
-    places = layout.places().state
+    places = layout.first_rows().state
     impulses = places.cache.normal_impulse + np.arange(topology.slots)
     wrong = first + np.array([places.motion.velocity.y, *impulses])
     sick = replace(state, words=state.words.at[3, wrong].set(np.float32(bad).view(np.int32)))

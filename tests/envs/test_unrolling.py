@@ -19,7 +19,7 @@ COUNTERS = ("success", "fault", "eliminations", "time")
 @pytest.fixture(scope="module")
 def two() -> str:
     iphyre_jax.register("unrolled-v1", ["support", "pendulum"])
-    with pytest.raises(ValueError, match="name: expected one that is free"):
+    with pytest.raises(ValueError, match="name: expected a free name"):
         iphyre_jax.register("unrolled-v1", ["support"])
     return "unrolled-v1"
 

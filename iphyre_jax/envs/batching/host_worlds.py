@@ -1,8 +1,8 @@
-"""Worlds on a CPU: episodes are played by the host, in executables that were compiled apart.
+"""Worlds on a CPU: the host plays the episodes, in executables from compiler processes.
 
-Inside a user's program a decision is one call of the host, which plays the whole batch on all cores (`host_step`). So
-the program compiles in a second whatever its games, and runs at the engine's speed. A call is a pure function of its
-arguments: it may be left out or made twice.
+Inside a user's program a decision is one callback, in which the host plays the whole batch on all cores (`host_step`).
+So the program compiles in a second whatever its games, and runs at the engine's speed. A callback is a pure function of
+its arguments: JAX may drop it or call it twice.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from iphyre_jax.scenes import Limits, Scene
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HostParams(EnvParams):
-    """Games as words."""
+    """Games as packed scenes."""
 
-    scenes: jax.Array  # (games, words): an id of two words, then as of `scene_layout`, filled up
-    ids: jax.Array  # (games,) int32, index into the topologies
-    features: Features  # of each game, filled up to the largest; what pictures need
+    scenes: jax.Array  # (games, words): an id of two words, features, then see `scene_layout`; padded
+    ids: jax.Array  # (games,) int32, see `topology_id`
+    features: Features  # of each game, padded to the largest; only pictures need them
 
     @property
     def games(self) -> int:
@@ -52,16 +52,16 @@ class HostParams(EnvParams):
 
     @property
     def topology_id(self) -> jax.Array:
-        """Topology of each game."""
+        """Topology of each game, (games,) int32."""
         return self.ids
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HostState(EnvState):
-    """An episode as words."""
+    """A packed episode."""
 
-    words: jax.Array  # (words,) as of `EnvStep`, filled up
+    words: jax.Array  # (words,) see `EnvStep`; padded
 
     @property
     def game(self) -> jax.Array:
@@ -73,7 +73,7 @@ class HostState(EnvState):
 class HostWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
-    keep_final: bool  # whether `step` also returns an episode that has ended as it was then
+    keep_final: bool  # whether `step` also returns an ended episode before its reset
 
     def params(self, scenes: Sequence[Scene]) -> HostParams:
         """Return scenes as parameters."""
@@ -89,7 +89,7 @@ class HostWorlds(Worlds):
             return HostParams(jnp.asarray(table), jnp.asarray(topology_id, jnp.int32), stacked)
 
     def _row(self, topology: Topology, world: Any, features: Features) -> Words:  # noqa: ANN401 - NumPy arrays
-        """Return the words of a scene, its id in front."""
+        """Return a packed scene, its id in front."""
         bars = np.asarray(features.ends)[: topology.bars]
         words = scene_layout(topology, self.dtype).pack_many([(world, bars)])[:, 0]
         obs = self.features.pack_many([_numbers(features, self.dtype)])[:, 0]
@@ -99,11 +99,11 @@ class HostWorlds(Worlds):
 
     @property
     def features(self) -> Layout:
-        """Layout of the features of a scene, filled up to the largest topology, in its words."""
+        """Layout of the features in a packed scene, padded to the largest topology."""
         return _feature_layout(self.topologies, self.limits, self.dtype)
 
     def single_game(self, params: HostParams, game: int) -> HostParams:
-        """Return the parameters of one game, for worlds of its topology alone (host)."""
+        """Return the parameters of one game, for its topology only (host)."""
         topology = self.topologies[int(params.topology_id[game])]
         first = ID_WORDS + self.features.rows
         layout = scene_layout(topology, self.dtype)
@@ -117,7 +117,7 @@ class HostWorlds(Worlds):
             return HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked)
 
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
-        """Return what is seen, and the state, of an episode before its first step."""
+        """Return the observation and the state of an episode before its first step."""
         words, obs = self._call(reset_episodes, ["words", "obs"], params, game)
         return obs, HostState(words)
 
@@ -130,7 +130,7 @@ class HostWorlds(Worlds):
         executed: jax.Array,
         next_game: jax.Array,
     ) -> StepResult:
-        """Play on; see `params.Worlds`."""
+        """Play one decision; see `params.Worlds`."""
         requests = jnp.concatenate([plan, stop_step[None], executed]).astype(WORD[self.dtype])
         results = ["words", "obs", "status", *(["words", "obs"] if self.keep_final else [])]
         words, obs, status, *last = self._call(step_episodes, results, params, state.words, requests, next_game)
@@ -143,7 +143,7 @@ class HostWorlds(Worlds):
         return unpack_status(state.words[: status_words(self.limits.blocks)])
 
     def observe(self, params: HostParams, state: HostState) -> jax.Array:
-        """Return what is seen of an episode."""
+        """Return the observation of an episode."""
         status = self.status(params, state)
         never, none = jnp.full(self.limits.blocks, -1, jnp.int32), jnp.full_like(status.game, -1)
         return self.step(params, state, never, status.step, status.executed, none).obs
@@ -152,48 +152,45 @@ class HostWorlds(Worlds):
         """Return what a picture of an episode needs."""
         features = jax.tree.map(lambda leaf: leaf[state.game], params.features)
         status, bodies = self.status(params, state), features.mover.shape[0]
-        places = [self._places(topology, bodies) for topology in self.topologies]
-        # A body that a smaller topology does not have is read from row 0, and shown nowhere.
-        numbers = jax.lax.bitcast_convert_type(
-            state.words[jnp.asarray(places)[params.topology_id[state.game]]], self.dtype
-        )
+        pose_words = jnp.asarray([self._pose_words(topology, bodies) for topology in self.topologies])
+        # Word 0 stands for a body that a smaller topology lacks; no picture shows it.
+        words = state.words[pose_words[params.topology_id[state.game]]]
+        numbers = jax.lax.bitcast_convert_type(words, self.dtype)
         x, y, angle = numbers.reshape(3, bodies)
         sound = status.fault != FAULT_NOT_FINITE
         return features, Pose(x, y, angle, objects_there(features, status.present), sound)
 
-    def _places(self, topology: Topology, bodies: int) -> list[int]:
-        """Return where the words of an episode have x, y and angle of each moving body."""
-        places, first = episode_layout(topology, self.dtype).places(), status_words(self.limits.blocks)
-        own = (places.state.position.x, places.state.position.y, places.state.angle)
-        moving = range(topology.moving)
-        return [
-            place for start in own for place in [*(first + start + k for k in moving), *[0] * (bodies - len(moving))]
-        ]
+    def _pose_words(self, topology: Topology, bodies: int) -> list[int]:
+        """Return the words of an episode that hold x, y and angle of each moving body."""
+        state, first = episode_layout(topology, self.dtype).first_rows().state, status_words(self.limits.blocks)
+        missing = [0] * (bodies - topology.moving)
+        starts = (first + row for row in (state.position.x, state.position.y, state.angle))
+        return [word for start in starts for word in [*range(start, start + topology.moving), *missing]]
 
     def _call(
         self, callback: Callable[..., None], results: Sequence[str], params: HostParams, *own: jax.Array
     ) -> list[jax.Array]:
-        """Call the host inside a program; under `jax.vmap` once for the whole batch."""
+        """Call the host from a program; under `jax.vmap` once for the whole batch."""
         host = _host(self)
-        host.prepare()  # now, while the program is traced: an interrupt ends it here
+        host.prepare()  # while the program is traced, so that an interrupt ends it here
         word = WORD[self.dtype]
         shapes = {
             "words": jax.ShapeDtypeStruct((host.episode_words,), word),
             "obs": jax.ShapeDtypeStruct((self._obs_size(),), np.float32),
-            "status": jax.ShapeDtypeStruct((host.status,), word),
+            "status": jax.ShapeDtypeStruct((host.status_words,), word),
         }
         call = buffer_callback(partial(callback, host), [shapes[name] for name in results], vmap_method="expand_dims")
         out: list[jax.Array] = call(params.scenes, params.topology_id, *own)
         return out
 
     def _obs_size(self) -> int:
-        """Return how many numbers an observation has."""
+        """Return the length of an observation."""
         return observation_size(self.observation, self.limits.objects, self.limits.blocks + self.no_op)
 
 
 @cache
 def _host(worlds: HostWorlds) -> HostStep:
-    """Return what plays the worlds."""
+    """Return the host that plays the worlds."""
     dtype, slots = worlds.dtype, worlds.limits.blocks
     programs = [EnvStep(t, dtype, lanes_of(t, dtype), slots) for t in worlds.topologies]
     make_observations = partial(HostObservations, observation=worlds.observation, no_op=worlds.no_op)
@@ -225,6 +222,6 @@ def _feature_layout(topologies: tuple[Topology, ...], limits: Limits, dtype: str
 
 
 def _numbers(features: Features, dtype: str) -> Features:
-    """Return features (NumPy) with all numbers of one dtype, without those that only pictures need."""
+    """Return features (NumPy) with numbers of one dtype, without those that only pictures need."""
     numbers: dict[str, Any] = {name: np.asarray(getattr(features, name), dtype) for name in ("obs_rows", "candidates")}
     return replace(features, object_rows=None, **numbers)

@@ -1,4 +1,4 @@
-"""Arrays of one shape for worlds of several topologies: rows of zeros fill the smaller ones up."""
+"""Arrays of one shape for worlds of several topologies: zeros pad the smaller ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Tree = TypeVar("Tree")
 
 @dataclass(frozen=True)
 class PaddedShapes:
-    """The shapes of all arrays of a tree, hashable."""
+    """The shapes to which the arrays of a tree are padded; hashable."""
 
     structure: Any  # jax.tree_util.PyTreeDef
     shapes: tuple[tuple[int, ...], ...]
@@ -28,18 +28,18 @@ class PaddedShapes:
 
     @classmethod
     def largest(cls, many: Sequence[PaddedShapes]) -> PaddedShapes:
-        """Return the least shapes that hold those of every tree."""
+        """Return the least shapes that hold all of the given ones."""
         columns = zip(*(one.shapes for one in many), strict=True)
         return cls(many[0].structure, tuple(tuple(np.max(shapes, axis=0).tolist()) for shapes in columns))
 
     def unpad(self, tree: Tree) -> Tree:
-        """Return the first rows of every array; lanes, behind the rows, stay."""
+        """Return the first rows of every array; lanes behind them stay."""
         leaves = self.structure.flatten_up_to(tree)
         cut = [leaf[tuple(slice(n) for n in shape)] for shape, leaf in zip(self.shapes, leaves, strict=True)]
         return self.structure.unflatten(cut)
 
     def pad(self, tree: Tree) -> Tree:
-        """Return every array with rows of zeros behind its own; lanes, behind the rows, stay."""
+        """Return every array with zeros behind its rows; lanes behind them stay."""
         leaves = self.structure.flatten_up_to(tree)
         return self.structure.unflatten([_pad(leaf, shape) for shape, leaf in zip(self.shapes, leaves, strict=True)])
 

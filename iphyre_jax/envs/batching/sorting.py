@@ -1,4 +1,7 @@
-"""A batch of worlds, on leading axes, played in chunks of lanes, each chunk by the branch of its topology."""
+"""Play a batch of worlds (leading axis) in groups of lanes, each by the branch of its topology; traced.
+
+The same grouping outside a traced program is `execution.batching`.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,26 @@ Branch = Callable[[PlayRequest, EpisodeState], EpisodeState]
 
 
 def run_slices(branch: Branch, lanes: int, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
-    """Play a batch of worlds of one topology, slice by slice."""
+    """Play a batch of worlds of one topology, slice by slice of lanes."""
     size = request.game.shape[0]
     if size == lanes:
         return _as_batch(branch(*_as_lanes((request, episode))))
 
-    def run_group(k: jax.Array, whole: EpisodeState) -> EpisodeState:
-        start = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice has again are done and wait
+    def run_slice(k: jax.Array, whole: EpisodeState) -> EpisodeState:
+        start = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice plays again wait
         part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, lanes), (request, whole))
         after = _as_batch(branch(*_as_lanes(part)))
         return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, start, 0), whole, after)
 
-    return jax.lax.fori_loop(0, -(-size // lanes), run_group, episode)
+    return jax.lax.fori_loop(0, -(-size // lanes), run_slice, episode)
 
 
 def run_sorted(
     branches: Sequence[Branch], lanes: int, topology_id: jax.Array, request: PlayRequest, episode: EpisodeState
 ) -> EpisodeState:
-    """Play a batch of worlds of several topologies, sorted into chunks of one topology each."""
+    """Play a batch of worlds of several topologies, sorted into groups of one topology each."""
     size = request.game.shape[0]
-    groups = _groups(topology_id, len(branches), lanes)
+    groups = _Groups.of(topology_id, len(branches), lanes)
 
     def run_group(k: jax.Array, whole: EpisodeState) -> EpisodeState:
         topology_id, rows = groups.at(k)
@@ -62,32 +65,33 @@ def _as_batch(tree: Tree) -> Tree:
 
 @dataclass(frozen=True)
 class _Groups:
-    """The worlds of a batch in chunks of one kind each."""
+    """The worlds of a batch in groups of one topology each."""
 
-    order: jax.Array  # (size,) int32, the worlds sorted by kind
-    size: jax.Array  # (kinds,) int32, worlds of each
-    before: jax.Array  # (kinds,) int32, worlds of the kinds before it
-    last: jax.Array  # (kinds,) int32, chunks up to the last of a kind, it included
+    order: jax.Array  # (B,) int32, the worlds sorted by topology
+    size: jax.Array  # (topologies,) int32, worlds of each
+    before: jax.Array  # (topologies,) int32, worlds of the topologies before it
+    last: jax.Array  # (topologies,) int32, groups up to the last of a topology, included
     lanes: int
+
+    @classmethod
+    def of(cls, topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
+        """Return the groups of worlds with given topologies, (B,)."""
+        order = jnp.arange(topology_id.shape[0], dtype=jnp.int32)
+        if topologies > 1:
+            order = jnp.argsort(topology_id, stable=True).astype(jnp.int32)
+        size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
+        total = jnp.cumsum(size, dtype=jnp.int32)
+        return cls(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
 
     @property
     def count(self) -> jax.Array:
-        """The number of chunks, () int32."""
+        """The number of groups, () int32."""
         return self.last[-1]
 
     def at(self, k: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Return the kind of chunk k and its worlds, (lanes,) int32, rising; spare ones lie beyond the batch."""
+        """Return the topology of group k and its worlds, (lanes,) int32, rising; spare lanes lie beyond the batch."""
         topology_id = jnp.sum((k >= self.last).astype(jnp.int32), dtype=jnp.int32)
-        of_kind = -(-self.size[topology_id] // self.lanes)
-        place = (k - self.last[topology_id] + of_kind) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
-        rows = self.order.at[self.before[topology_id] + place].get(mode="clip")
-        return topology_id, jnp.where(place < self.size[topology_id], rows, self.order.shape[0] + place)
-
-
-def _groups(topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
-    order = jnp.arange(topology_id.shape[0], dtype=jnp.int32)
-    if topologies > 1:
-        order = jnp.argsort(topology_id, stable=True).astype(jnp.int32)
-    size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
-    total = jnp.cumsum(size, dtype=jnp.int32)
-    return _Groups(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
+        own_groups = -(-self.size[topology_id] // self.lanes)
+        offset = (k - self.last[topology_id] + own_groups) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
+        rows = self.order.at[self.before[topology_id] + offset].get(mode="clip")
+        return topology_id, jnp.where(offset < self.size[topology_id], rows, self.order.shape[0] + offset)

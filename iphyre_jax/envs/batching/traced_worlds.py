@@ -1,4 +1,4 @@
-"""Worlds inside the user's own program: for accelerators, for gradients, and wherever the host must not be called."""
+"""Worlds inside the user's program: for accelerators, for gradients, and where a program must not call the host."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Tree = TypeVar("Tree")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TracedParams(EnvParams):
-    """Games as arrays, each filled up to the largest."""
+    """Games as arrays, padded to the largest."""
 
     table: Games  # as the solver reads them
     start: EpisodeState  # before the first step
@@ -41,7 +41,7 @@ class TracedParams(EnvParams):
 
     @property
     def topology_id(self) -> jax.Array:
-        """Topology of each game."""
+        """Topology of each game, (games,) int32."""
         return self.table.topology_id
 
     @property
@@ -53,7 +53,7 @@ class TracedParams(EnvParams):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TracedState(EnvState):
-    """An episode as the solver has it, filled up to the largest."""
+    """An episode as the solver has it, padded to the largest."""
 
     episode: EpisodeState  # of the physics
     row: jax.Array  # () int32, row of the parameters
@@ -88,7 +88,7 @@ class TracedWorlds(Worlds):
             return TracedParams(Games(world, jnp.asarray(topology_ids, jnp.int32)), episode, features)
 
     def single_game(self, params: TracedParams, game: int) -> TracedParams:
-        """Return the parameters of one game, for worlds of its topology alone (host)."""
+        """Return the parameters of one game, for its topology only (host)."""
         topology_id = int(params.table.topology_id[game])
         of = self.topology_set.only(topology_id)
         with jax.enable_x64(self.dtype == "float64"):
@@ -99,7 +99,7 @@ class TracedWorlds(Worlds):
             return TracedParams(Games(world, jnp.zeros(1, jnp.int32)), first, features)
 
     def reset(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
-        """Return what is seen, and the state, of an episode before its first step."""
+        """Return the observation and the state of an episode before its first step."""
         row = jnp.asarray(game, jnp.int32)
         state = TracedState(_row(params.start, row), row, jnp.zeros(self.limits.blocks, bool))
         return self.observe(params, state), state
@@ -113,7 +113,7 @@ class TracedWorlds(Worlds):
         executed: jax.Array,
         next_game: jax.Array,
     ) -> StepResult:
-        """Play on; see `params.Worlds`."""
+        """Play one decision; see `params.Worlds`."""
         times, games = _opaque((step_timing(self.protocol.fps, self.dtype), params.table))
         episode = self.topology_set.run(times, games, PlayRequest(state.row, plan, stop_step), state.episode)
         last = TracedState(episode, state.row, executed)
@@ -129,7 +129,7 @@ class TracedWorlds(Worlds):
         return status_of(state.row, _row(params.world, state.row), state.episode, state.executed)
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
-        """Return what is seen of an episode."""
+        """Return the observation of an episode."""
         present, steps = self.status(params, state).present, jnp.asarray(self.protocol.steps)
         features = _row(params.features, state.row)
         return jnp.concatenate(observe(self.observation, features, present, state.episode, steps, no_op=self.no_op))
@@ -141,7 +141,7 @@ class TracedWorlds(Worlds):
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays row by row, on the device."""
+    """Stack trees of arrays, each a row, on the device."""
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
 
 
@@ -151,5 +151,5 @@ def _row(table: Tree, index: jax.Array) -> Tree:
 
 
 def _opaque(tree: Tree) -> Tree:
-    """Return arrays out of the compiler's sight: what it does with constants rounds otherwise."""
+    """Hide arrays from the compiler, which would round constants differently."""
     return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, tree))

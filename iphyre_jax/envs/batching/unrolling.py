@@ -1,15 +1,15 @@
-"""Many decisions of many worlds, with a policy inside the program.
+"""`unroll`: many decisions of many worlds, with the policy inside the program.
 
     env, params = iphyre_jax.make("on-the-fly/basic-v1")
     batch = Batch.of(env, params, np.repeat(np.arange(params.games), 128))
 
-    def policy(weights, key, seen):  # of one world
-        logits = network(weights, seen)
-        return jax.random.categorical(key, logits), (seen, logits)  # the action, and what is to be kept
+    def policy(weights, key, obs):  # of one world
+        logits = network(weights, obs)
+        return jax.random.categorical(key, logits), (obs, logits)  # the action, and anything to keep
 
     batch, steps = unroll(env, policy, weights, batch, jax.random.key(0), decisions=32)
 
-It is a `jax.lax.scan` over `Environment.play` in which each world keeps its game.
+It is a `jax.lax.scan` over `Environment.step_to` in which each world keeps its game.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ ActingPolicy = Callable[[Any, jax.Array, jax.Array], tuple[jax.Array, Any]]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Batch:
-    """B worlds under way."""
+    """B worlds, each in an episode."""
 
     params: EnvParams
     state: EnvState  # (B, ...)
-    obs: jax.Array  # (B, ...) observation of that state
+    obs: jax.Array  # (B, ...) of `state`
 
     @classmethod
     def of(cls, environment: Environment, params: EnvParams, games: npt.ArrayLike) -> Batch:
         """Return worlds before their first step (host).
 
         Args:
-            environment: whose episodes they play.
+            environment: that plays the episodes.
             params: the games.
             games: (B,) integers, rows of the parameters, one for each world, in any order.
 
         Raises:
-            ValueError: games are no such rows; one line.
+            ValueError: games are not such rows; one line.
         """
         rows = np.asarray(games)
         if rows.ndim != 1 or not rows.size or rows.dtype.kind not in "iu":
@@ -75,9 +75,9 @@ class Steps(NamedTuple):
     reward: jax.Array  # float32
     terminated: jax.Array  # bool, the official flags
     truncated: jax.Array  # bool
-    played: jax.Array  # bool, False where the episode had ended before, which happens without autoreset only
+    played: jax.Array  # bool, False if the episode had ended before, which happens only without autoreset
     info: Info  # after the decision, before any reset
-    extras: Any  # what else the policy returned
+    extras: Any  # the policy's second result
 
 
 @partial(jax.jit, static_argnums=0)
@@ -89,29 +89,26 @@ def _reset(environment: Environment, games: jax.Array, params: EnvParams) -> tup
 def unroll(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
-    """Let a policy decide so many times in every world; pure.
+    """Play so many decisions of a policy in every world; pure.
 
-    Under autoreset a world whose episode has ended begins anew with the same game, so each game gets an equal share of
-    the decisions, not of the episodes, as it would if a game was drawn for each episode. Without autoreset it stays as
-    it is; played from the start for as many decisions as an episode may take (`environment.strategy.decisions`), every
-    world is one whole episode.
+    Under autoreset a world starts the same game again when its episode ends. So games share the decisions equally, not
+    the episodes. Without autoreset an ended episode stays as it is. Played from the start for
+    `environment.strategy.decisions`, the most that an episode may take, every world is one whole episode.
 
     Args:
         environment: of the batch; static.
-        policy: see `ActingPolicy`; static: what changes belongs in the weights. What it returns beside the action comes
-            back in `Steps.extras`. Each world has a key of its own at each decision. An action that is no member of the
-            action space does nothing.
-        weights: given to the policy, any tree of arrays.
+        policy: see `ActingPolicy`; static: what changes belongs in the weights. Its extras come back in `Steps.extras`.
+            Each world has its own key at each decision. An action outside the action space does nothing.
+        weights: passed to the policy, any tree of arrays.
         batch: of this environment.
         key: random key.
         decisions: of each world; static.
 
     Returns:
-        The batch as it is then, and the steps.
+        The batch after the decisions, and the steps.
 
     Raises:
-        ValueError: decisions is no whole number of at least 1, or a float64 environment meets a JAX without x64; one
-            line.
+        ValueError: decisions is not a whole number of at least 1, or JAX lacks the environment's dtype; one line.
     """
     if isinstance(decisions, bool) or not isinstance(decisions, int) or decisions < 1:
         raise ValueError(f"decisions: expected a whole number of at least 1, got {decisions!r}")
@@ -123,7 +120,7 @@ def unroll(
         action, extras = policy(weights, key, obs)
         action = environment.action_space().array(action)
         ended = environment.has_ended(environment.worlds.status(batch.params, state))
-        out = environment.play(state, action, batch.params, game)
+        out = environment.step_to(state, action, batch.params, game)
         return out, Steps(action, out[2], out[3], out[4], ~ended, out[5], extras)
 
     def decide(now: tuple[EnvState, jax.Array], count: jax.Array) -> tuple[tuple[EnvState, jax.Array], Steps]:
@@ -138,7 +135,7 @@ def unroll(
 def unroll_on_threads(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
-    """Do what `unroll` does; deprecated, for `unroll` plays on all threads by itself."""
+    """Do what `unroll` does; deprecated: `unroll` plays on all threads."""
     warnings.warn("unroll_on_threads: use unroll, which plays on all threads", DeprecationWarning, stacklevel=2)
     with jax.enable_x64(environment.dtype == "float64"):
         return unroll(environment, policy, weights, batch, key, decisions=decisions)
