@@ -16,6 +16,7 @@ PACKAGE = Path(iphyre_jax.__file__).parent
 
 # Every part may import those before it, never one after it. A new part takes its place here.
 PARTS = (
+    "_deprecated",
     "rules",
     "physics",
     "scenes",
@@ -26,6 +27,7 @@ PARTS = (
     "simulation",
     "observations",
     "envs",
+    "env",
     "adapters",
     "compat",
     "train",

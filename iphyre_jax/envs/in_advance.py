@@ -113,9 +113,8 @@ def play_plans(
     steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)
     # A trained policy repeats its plans; equal plans end alike, so each is played once.
     unique, inverse = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
-    played = simulate_many(
-        loaded, unique[:, 0], unique[:, 1:], fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets
-    )
+    which, plans = unique[:, 0], unique[:, 1:]
+    played = simulate_many(loaded, which, plans, fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
     return PlanResults(
         reward=played.reward[inverse],
         success=played.success[inverse],
