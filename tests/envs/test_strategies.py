@@ -168,7 +168,7 @@ def test_the_late_frame_is_an_option() -> None:
     assert late[:4] == [87, 92, 97, 102]
     assert late[-1] == 147
     last = np.full(6, 1.0, np.float32)  # 15.0 s, an instant of the late frame alone
-    order = Combined(late_frame=True).plan_action(last, jnp.int32(87), FREE, ALL, OFFICIAL)
+    planned = Combined(late_frame=True).plan_action(last, jnp.int32(87), FREE, ALL, OFFICIAL)
     np.testing.assert_array_equal(planned.plan, [150, -1, -1, -1, -1, -1])
     assert planned.stop_step == 151
 
