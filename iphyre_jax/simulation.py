@@ -202,7 +202,7 @@ def _simulate(
     for topology, _ in worlds:
         if settings.steps > (limit := max_steps(topology)):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-    batch = PlanBatch.of(scenes, worlds, which, plan, settings, partition)
+    batch = PlanBatch(scenes, worlds, which, plan, settings, partition)
     left = np.arange(len(plan))
     for attempt in range(ATTEMPTS):
         if left.size:

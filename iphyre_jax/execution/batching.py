@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.layout import Words, filled
+from iphyre_jax.execution.layout import Words, fill_lanes
 from iphyre_jax.execution.programs import SPARE, world_layout
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import MAX_ELIMINABLE
@@ -49,7 +49,7 @@ class Group:
 
     def worlds(self, lanes: int) -> Words:
         """Return the packed worlds, (words, lanes); spare lanes repeat the last world."""
-        return np.ascontiguousarray(self.table[:, filled(self.columns, lanes)])
+        return np.ascontiguousarray(self.table[:, fill_lanes(self.columns, lanes)])
 
     def plans(self, plan: npt.NDArray[np.int32], plan_slots: int, lanes: int) -> npt.NDArray[np.int32]:
         """Return the plans of the worlds, (plan_slots, lanes) int32, SPARE in spare lanes; plan: (B, S), all rows."""

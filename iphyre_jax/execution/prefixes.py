@@ -1,8 +1,8 @@
-"""Plans that begin alike share the steps of their common beginning.
+"""Plans that begin alike share the steps of their common prefix.
 
-Time is cut into stretches. In each of them one world stands for all plans of a scene whose removals until its end are
-the same; where plans part, the world is copied. So a search over plans that differ late, or in few blocks, plays fewer
-worlds. An episode that is over is played no further.
+Time is cut into segments. In each segment one world stands for all plans of a scene with the same removals up to its
+end. Where plans differ, the world is copied. So a search over plans that differ late, or in few blocks, plays fewer
+worlds. An episode that is done is played no further.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from iphyre_jax.execution.programs import Advance, episode_layout, pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Timing, Topology, World
 
-SEGMENTS: Final = 15  # more share more, but each is a call for every group of worlds
+SEGMENTS: Final = 15  # more of them share more steps, but each is a call for every group of worlds
 
 Ints = npt.NDArray[np.int64]
 
@@ -40,18 +40,18 @@ def score_prefixes(
     """Return success, steps, eliminations and fault of plans, (4, B).
 
     Args:
-        worlds: of the scenes, as of `cached_world`, with the contact slots that they may use.
+        worlds: of each scene, see `cached_world`, with the contact slots that they may use.
         scene_index: (B,) scene of each plan.
         plan: (B, S) steps before which blocks go, -1 for never.
-        timing: of a step.
-        steps: of a whole episode.
-        partition: devices that play.
+        timing: of a physics step.
+        steps: physics steps of a whole episode.
+        partition: of the devices.
         dtype: of the physics.
     """
     counts = np.zeros((4, len(plan)), np.int32)
     rows, node, episodes = np.arange(len(plan)), np.zeros(len(plan), np.int64), None
     for stop_step in np.unique(np.linspace(0, steps, SEGMENTS + 1).astype(int)[1:]).tolist():
-        alike = np.where(plan[rows] < stop_step, plan[rows], -1)  # what happens later is the same for all: nothing
+        alike = np.where(plan[rows] < stop_step, plan[rows], -1)  # later removals do not count yet
         keys = np.concatenate([scene_index[rows, None], alike], axis=1)
         _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         leaders, starts = rows[first], None if episodes is None else episodes[node[first]]
@@ -59,8 +59,8 @@ def score_prefixes(
         episodes, results = segment.run(starts)
         node = inverse.reshape(-1)
         counts[:, rows] = results[node, :4].T
-        going = results[node, 4] == 0
-        rows, node = rows[going], node[going]
+        active = results[node, 4] == 0
+        rows, node = rows[active], node[active]
         if not len(rows):
             break
     return counts
@@ -68,7 +68,7 @@ def score_prefixes(
 
 @dataclass(frozen=True)
 class _Segment:
-    """What N worlds play next: the arguments of `score_prefixes`, N in place of B, and the step to play to."""
+    """A segment of N worlds: the arguments of `score_prefixes`, with N for B, and the step to play to."""
 
     worlds: Sequence[tuple[Topology, World]]
     scene_index: Ints
@@ -79,7 +79,7 @@ class _Segment:
     dtype: str
 
     def run(self, starts: Words | None) -> tuple[Words, npt.NDArray[np.int32]]:
-        """Play on from episodes (N, words), or from the start; return episodes, their counts and `done`, (N, 5)."""
+        """Play from episodes (N, words), or from the start; return episodes, and their counts and `done`, (N, 5)."""
         every = np.arange(len(self.scene_index))
         groups = group_by_topology(self.worlds, self.scene_index, every, self.dtype, self._lanes)
         if on_cpu():
@@ -103,10 +103,10 @@ class _Segment:
         if starts is not None:
             episodes[:, :count] = starts[group.rows, : layout.rows].T
             episodes[:, count:] = episodes[:, count - 1 : count]
-        order = np.array([self.stop_step, 1, starts is None], np.int32)
+        steps = np.array([self.stop_step, 1, starts is None], np.int32)
         plans = group.plans(self.plan, program.plan_slots, program.lanes)
         run = runner(program, self.partition.mesh)
-        played = run(group.worlds(program.lanes), plans, pack_timing(self.timing), order, episodes)[0][:, :count]
+        played = run(group.worlds(program.lanes), plans, pack_timing(self.timing), steps, episodes)[0][:, :count]
         out = layout.unpack_numpy(played).result
         after[group.rows, : layout.rows] = played.T
         results[group.rows] = np.stack([out.success, out.steps, out.eliminations, out.fault, out.done], axis=1)

@@ -19,7 +19,7 @@ from iphyre_jax.envs.batching.step_program import RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.compilation.client import ClientArray, aligned, aligned_copy
 from iphyre_jax.execution.compilation.executables import executable, prepare
-from iphyre_jax.execution.layout import Layout, filled, pieces
+from iphyre_jax.execution.layout import Layout, fill_lanes, pieces
 from iphyre_jax.execution.programs import pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.observations.features import Features
@@ -197,7 +197,7 @@ class HostStep:
     def _scenes(self, table: GameTable, group: Group) -> ClientArray:
         """Return the packed scenes of a group's lanes, (words, lanes); only lanes whose game has changed are copied."""
         lanes, words = self.programs[group.topology_id].lanes, table.scenes[group.topology_id]
-        key, games = (table.key, group.topology_id, group.number), filled(group.games, lanes)
+        key, games = (table.key, group.topology_id, group.number), fill_lanes(group.games, lanes)
         with self._lock:
             cached = self._lanes.get(key)
         if cached is not None and (cached[0] == games).all():
