@@ -1,4 +1,4 @@
-"""Play games under given plans: the host functions that check, batch and collect."""
+"""`simulate` and `simulate_many`: play games under given plans, on the host."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ _DTYPES = ("float32", "float64")
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """B plays. Rewards follow the paper: 1000 if solved, -10 a removed block, -1 a second.
+    """Results of B plans. Rewards follow the paper: 1000 if solved, -10 a removed block, -1 a second.
 
     Attributes:
-        success: (B,) bool, every ball's centre was below y = 600 after one and the same step.
+        success: (B,) bool, the centres of all balls were below y = 600 after the same step.
         steps: (B,) int64, physics steps made, the solving one included.
         eliminations: (B,) int64, blocks removed by then.
         reward: (B,) float64, 1000 success - 10 eliminations - steps / fps.
-        fault: (B,) int64, 0 if sound, 1 more contact points than four times its topology's slots, 2 not finite; a
-            faulted world stops, unsolved.
-        samples: (B, K, N, 3) of the simulation's dtype, x, y (px) and angle (rad) of every object at the start and
-            after every `sample_every` steps; NaN from the first sample after an object's removal; the last pose
-            repeats once the play is over. None if not asked for. Of several scenes, N is the largest number of objects
-            and NaN fills up the others.
+        fault: (B,) int64, 0 for a sound world, 1 for more contact points than four times its topology's slots, 2 for
+            numbers that are not finite. A faulted world stops, unsolved.
+        samples: (B, K, N, 3) of the physics' dtype, x, y (px) and angle (rad) of every object at the start and after
+            every `sample_every` steps; None without samples. NaN from the first sample after an object's removal. The
+            last pose repeats after the end. N is the largest number of objects of the scenes; NaN pads the others.
     """
 
     success: npt.NDArray[np.bool_]
@@ -63,21 +62,21 @@ def simulate(
 ) -> Simulation:
     """Play B plans of one scene.
 
-    A host function: it takes and returns NumPy arrays and changes no JAX setting.
+    This host function takes and returns NumPy arrays and changes no JAX setting.
 
     Args:
         scene: a game's name, the path of a scene file, or a Scene.
         eliminate_at: (B, S) integers; column s holds the 0-based index of the physics step before which the s-th
             eliminable block (in list order) is removed, -1 for never. Missing columns mean never; columns beyond the
-            scene's blocks must be -1. Blocks that go before the same step go in column order.
+            scene's blocks must be -1. Blocks with the same step are removed in column order.
         fps: physics steps a second; dt = 1 / fps.
         duration: s; duration x fps must be a whole number of steps.
         dtype: "float32" or "float64".
         sample_every: steps between samples of all poses, or None for no samples.
-        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, the
-            official learning environments play in 2.
-        mesh: devices that share the worlds, as of `jax.make_mesh`, whatever its axes are; results are the same bits. If
-            it spans processes (`jax.distributed`), each of them makes the same call and gets the whole result. None:
+        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, 2 that
+            of the official learning environments.
+        mesh: devices that share the worlds, from `jax.make_mesh`, with any axes; results have the same bits. If it
+            spans processes (`jax.distributed`), each process makes the same call and gets the whole result. None:
             JAX's default device, and the threads that `configure` sets.
 
     Raises:
@@ -103,7 +102,7 @@ def simulate_many(
     mesh: Mesh | None = None,
     share_prefixes: bool = False,
 ) -> Simulation:
-    """Play B plans of any mixture of scenes; results come in the caller's order.
+    """Play B plans of any mix of scenes; results come in the caller's order.
 
     Args:
         scenes: names, files or Scenes.
@@ -115,9 +114,9 @@ def simulate_many(
         sample_every: steps between samples.
         resets: number of the reset.
         mesh: devices that share the worlds.
-        share_prefixes: whether plans of a scene that begin alike share the steps of their common beginning, second by
-            second: quicker where many plans do, as in a search. In float64 the results are the same bits. Without
-            samples only, and not on a mesh that spans processes.
+        share_prefixes: whether plans of a scene that begin alike share the steps of their common prefix, second by
+            second. It is faster if many plans do, as in a search. In float64 the results have the same bits. It works
+            only without samples, and not on a mesh that spans processes.
 
     Raises:
         ValueError: one line that names the argument and what was expected.

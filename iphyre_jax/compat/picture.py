@@ -1,4 +1,4 @@
-"""The picture of one world that is played from Python."""
+"""The picture of a `SteppedWorld`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One world that is played step by step from Python, in float64."""
+"""One world that Python plays step by step, in float64."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
 DTYPE = "float64"
-NO_SLOT = -2  # bars that no slot removes have column -1
+NO_SLOT = -2  # a bar that no slot removes has plan_slot -1
 
 
 @dataclass(frozen=True)
 class OfficialStep:
-    """One world, no lanes beside it: takes a block out, then plays on, also one that is solved already.
+    """Removes a block of one world, then plays on, even if the game is already solved.
 
     The official class never refuses a step.
     """
@@ -39,7 +39,7 @@ class OfficialStep:
 
     @property
     def dtype(self) -> str:
-        """The physics' type."""
+        """Of the physics."""
         return DTYPE
 
     @property
@@ -48,7 +48,7 @@ class OfficialStep:
         return 1
 
     def arguments(self) -> programs.Shapes:
-        """Return the shapes of a world (rows, 1), packed timing, a command (3,) and an episode (rows, 1).
+        """Return the shapes of a world (words, 1), packed timing, a command (3,) and an episode (rows, 1).
 
         The command: the slot whose block goes, NO_SLOT for none; steps to play; 1 to reset the episode first.
         """
@@ -76,18 +76,18 @@ class OfficialStep:
 
 
 class SteppedWorld:
-    """A scene under way.
+    """One world of a scene.
 
     Args:
         scene: the scene.
         fps: physics steps a second.
-        resets: number of the reset of the reused space that this is.
+        resets: number of the reset of the reused space.
     """
 
     def __init__(self, scene: Scene, fps: float, resets: int) -> None:
         self.scene = scene
         self.features = scene_features(scene)
-        self.alive = np.array(self.features.present)  # (12,) bool, objects that are there
+        self.alive = np.array(self.features.present)  # (12,) bool, objects that are present
         topology, world = cached_world(scene, resets, DTYPE)
         self._layout = episode_layout(topology, DTYPE)
         self._run = executable(OfficialStep(topology))
@@ -97,27 +97,27 @@ class SteppedWorld:
         self._call(is_reset=True)
 
     def _call(self, *, slot: int = NO_SLOT, steps: int = 0, is_reset: bool = False) -> None:
-        """Begin, or take out the block of a slot and play on."""
+        """Reset the episode if asked, remove the block of a slot, and play on."""
         command = np.array([slot, steps, is_reset], np.int32)
         self._words = self._run(self._world, self._timing, command, self._words)[0]
         self._episode: EpisodeState = jax.tree.map(lambda leaf: leaf[..., 0], self._layout.unpack_numpy(self._words))
 
     def remove(self, block: int) -> None:
-        """Take an eliminable block out, with its joints and springs."""
+        """Remove an eliminable block with its joints and springs."""
         self.alive[block] = False
         self._call(slot=self.scene.eliminable_blocks.index(block))
 
     def run(self, steps: int) -> tuple[int, bool]:
-        """Play on, to the first step after which all balls are below the picture or to the end.
+        """Play on, to the first step after which all balls are below the picture, or for `steps` steps.
 
         Args:
-            steps: the most steps to make.
+            steps: the most physics steps.
 
         Returns:
             Steps made, and whether the last of them solved the game.
 
         Raises:
-            RuntimeError: the world is no longer sound; one line.
+            RuntimeError: the world has a fault; one line.
         """
         before = int(self._episode.state.step)
         self._call(steps=steps)

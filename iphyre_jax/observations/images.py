@@ -1,4 +1,4 @@
-"""Observations as pictures."""
+"""Observations as images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def image(features: Features, pose: Pose, size: int) -> jax.Array:
 
 
 def drawing_of(features: Features, pose: Pose) -> Drawing:
-    """Return what a picture of a world shows."""
+    """Return the content of a picture of a world."""
     table, there = object_table(features, pose), pose.there
     start = cast(jax.Array, features.object_rows)
     ball = (start[:, 0] == start[:, 2]) & (start[:, 1] == start[:, 3])  # no bar is so short
@@ -41,7 +41,7 @@ def drawing_of(features: Features, pose: Pose) -> Drawing:
 
 
 def _spokes(features: Features, radius: jax.Array, ball: jax.Array, pose: Pose) -> tuple[jax.Array, jax.Array]:
-    """Return the radii that show the balls' angles, (n, 4) px, and their lengths, 0 for bodies that are no balls."""
+    """Return the radii that show the balls' angles, (n, 4) px, and their lengths, 0 for bars."""
     index = jnp.arange(ball.shape[0], dtype=jnp.int32)
     spokes, lengths = [], []
     for body in range(features.mover.shape[0]):
@@ -54,7 +54,7 @@ def _spokes(features: Features, radius: jax.Array, ball: jax.Array, pose: Pose) 
 
 
 def _links(pairs: jax.Array, centre: jax.Array, there: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return the ends of the links between marked objects, (L, 4) px, and which links are there, (L,)."""
+    """Return the ends of the links between pairs of objects, (L, 4) px, and which links are present, (L,)."""
     ends = jnp.zeros((pairs.shape[0], 4), centre.dtype)
     if not pairs.shape[0]:
         return ends, jnp.zeros(0, bool)
