@@ -68,9 +68,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = space_of(self.env.observation_space())
         self.action_space = space_of(self.env.action_space())
         self._x64 = self.env.dtype == "float64"
-        self._single_game = cache(
-            partial(self.env.single_game, self.params)
-        )  # of each game, so that only what is met is compiled
+        self._single_game = cache(partial(self.env.single_game, self.params))  # so that only played games compile
         self._game = 0  # row of the parameters
         self._state: EnvState | None = None
 

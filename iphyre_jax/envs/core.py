@@ -27,8 +27,7 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.observations.features import motion_size, rows_size
-from iphyre_jax.observations.vectors import ObservationName
+from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.scenes import Limits, Scene, load_scenes
@@ -255,11 +254,9 @@ class Environment:
         del params
         if self.observation == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), "uint8")
-        objects = self.limits.objects
-        size = rows_size(objects) + 2 * (self.strategy.slots + self.strategy.no_op_candidate)
-        if self.observation == "motion":
-            return Box(float("-inf"), float("inf"), (size + motion_size(objects),))
-        return Box(0.0, 1.0, (size,))
+        candidates = self.strategy.slots + self.strategy.no_op_candidate
+        low, high = (float("-inf"), float("inf")) if self.observation == "motion" else (0.0, 1.0)
+        return Box(low, high, (observation_size(self.observation, self.limits.objects, candidates),))
 
     @property
     def num_actions(self) -> int:

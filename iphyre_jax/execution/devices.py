@@ -81,7 +81,7 @@ def partition_of(mesh: Mesh | None) -> Partition:
     if mesh is None:
         return Partition(None)
     if not isinstance(mesh, Mesh):
-        raise ValueError(f"mesh: expected a jax.sharding.Mesh, as of jax.make_mesh, or None, got {mesh!r}")
+        raise ValueError(f"mesh: expected a jax.sharding.Mesh, from jax.make_mesh, or None, got {mesh!r}")
     processes = {device.process_index for device in mesh.devices.flat}
     process_index, process_count = jax.process_index(), jax.process_count()
     if processes not in ({process_index}, set(range(process_count))):

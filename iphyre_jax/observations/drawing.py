@@ -41,13 +41,13 @@ class Drawing:
     ends: jax.Array  # (N, 4) x1, y1, x2, y2; the centre twice for a ball
     radius: jax.Array  # (N,)
     colour: jax.Array  # (N, 3) 0 to 255
-    there: jax.Array  # (N,) bool
+    present: jax.Array  # (N,) bool
     spokes: jax.Array  # (S, 4) a radius of each ball at its angle: x, y of centre and edge
     spoke_length: jax.Array  # (S,) the balls' radii, 0 for none
     joints: jax.Array  # (J, 4) x1, y1, x2, y2
     springs: jax.Array  # (P, 4)
-    joint_there: jax.Array  # (J,) bool
-    spring_there: jax.Array  # (P,) bool
+    joint_present: jax.Array  # (J,) bool
+    spring_present: jax.Array  # (P,) bool
 
 
 def colours(ball: jax.Array, eliminable: jax.Array, dynamic: jax.Array) -> jax.Array:
@@ -81,16 +81,16 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
     picture = [jnp.full((size, size), 255.0, jnp.float32)] * 3
     for i in range(drawing.radius.shape[0]):
         inside = canvas.capsule(drawing.ends[i], drawing.radius[i] + 0.5)  # the border pixel belongs to it
-        picture = _paint(picture, inside * drawing.there[i], drawing.colour[i])
+        picture = _paint(picture, inside * drawing.present[i], drawing.colour[i])
     for i in range(drawing.spokes.shape[0]):
         wide = jnp.where(drawing.spoke_length[i] > THICK_FROM, 2 * LINE, LINE)
         line = canvas.capsule(drawing.spokes[i], wide) * (drawing.spoke_length[i] > 0)
         picture = _paint(picture, line, jnp.asarray(RADIUS_LINE, jnp.float32))
     link = jnp.asarray(LINK, jnp.float32)
-    for ends, there in zip(drawing.joints, drawing.joint_there, strict=True):
-        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, LINE), canvas.dots(ends)) * there, link)
-    for ends, there in zip(drawing.springs, drawing.spring_there, strict=True):
-        picture = _paint(picture, jnp.maximum(canvas.spring(ends), canvas.dots(ends)) * there, link)
+    for ends, present in zip(drawing.joints, drawing.joint_present, strict=True):
+        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, LINE), canvas.dots(ends)) * present, link)
+    for ends, present in zip(drawing.springs, drawing.spring_present, strict=True):
+        picture = _paint(picture, jnp.maximum(canvas.spring(ends), canvas.dots(ends)) * present, link)
     return jnp.rint(jnp.stack(picture, axis=-1)).astype(jnp.uint8)
 
 

@@ -114,40 +114,40 @@ class Pose:
     x: jax.Array  # (n,) px
     y: jax.Array
     angle: jax.Array  # (n,) rad
-    there: jax.Array  # (12,) bool, objects that are present
+    present: jax.Array  # (12,) bool, objects that are present
     sound: jax.Array  # () bool, everything is finite
 
 
-def pose_of(features: Features, present: jax.Array, episode: EpisodeState) -> Pose:
-    """Return the pose of a world; present: (slots,) bool, slots whose block is present."""
+def pose_of(features: Features, present_slots: jax.Array, episode: EpisodeState) -> Pose:
+    """Return the pose of a world; present_slots: (slots,) bool, plan slots whose block is present."""
     state = episode.state
     sound = episode.result.fault != FAULT_NOT_FINITE
-    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, present), sound)
+    return Pose(state.position.x, state.position.y, state.angle, present_objects(features, present_slots), sound)
 
 
-def objects_there(features: Features, present: jax.Array) -> jax.Array:
-    """Return which of the twelve objects are present, (12,) bool; present: (slots,) bool."""
-    index = lanes.iota(features.obs_rows.shape[0], present[0])
-    there = features.obs_rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
-    for slot in range(present.shape[0]):
-        there = there & ((index != features.slot_object[slot][None]) | present[slot][None])
-    return there
+def present_objects(features: Features, present_slots: jax.Array) -> jax.Array:
+    """Return which of the twelve objects are present, (12,) bool; present_slots: see `pose_of`."""
+    index = lanes.iota(features.obs_rows.shape[0], present_slots[0])
+    present = features.obs_rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    for slot in range(present_slots.shape[0]):
+        present = present & ((index != features.slot_object[slot][None]) | present_slots[slot][None])
+    return present
 
 
 def object_table(features: Features, pose: Pose) -> jax.Array:
     """Return the official table of a world, (12, 9) of the physics' dtype, in px; see `official.object_rows`."""
     start = cast(jax.Array, features.object_rows)
     placed = jax.lax.optimization_barrier(_body_ends(features.ends, pose))
-    numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
-    return _table(features, start, pose.there, placed, numbers)
+    numbers = [_pair_number(member, pose.present).astype(start.dtype) for member in _members(features)]
+    return _table(features, start, pose.present, placed, numbers)
 
 
 def official_rows(features: Features, pose: Pose) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
-    there = pose.there & pose.sound[None]
-    there, placed, flags = jax.lax.optimization_barrier((there, scaled_ends(features.ends, pose), flags))
-    table = _table(features, features.obs_rows.astype(jnp.float32), there, placed, flags)
+    flags = [(_pair_number(member, pose.present) > 0).astype(jnp.float32) for member in _members(features)]
+    present = pose.present & pose.sound[None]
+    present, placed, flags = jax.lax.optimization_barrier((present, scaled_ends(features.ends, pose), flags))
+    table = _table(features, features.obs_rows.astype(jnp.float32), present, placed, flags)
     return table.reshape(-1, *table.shape[2:])
 
 
@@ -205,26 +205,26 @@ def _members(features: Features) -> tuple[jax.Array, jax.Array]:
     return features.joints, features.springs
 
 
-def _pair_number(member: jax.Array, there: jax.Array) -> jax.Array:
+def _pair_number(member: jax.Array, present: jax.Array) -> jax.Array:
     """Return the number of the last remaining pair of each object, from 1, (12,) int32, 0 for none; in lanes.
 
     `official.pair_number` does the same in NumPy.
     """
-    left = jnp.zeros(there.shape[1:], jnp.int32)
-    number = jnp.zeros(there.shape, jnp.int32)
+    left = jnp.zeros(present.shape[1:], jnp.int32)
+    number = jnp.zeros(present.shape, jnp.int32)
     for pair in member:
-        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~there, axis=0)
+        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~present, axis=0)
         left = left + remains.astype(jnp.int32)
         number = jnp.where(pair & remains[None], left[None], number)
     return number
 
 
 def _table(
-    features: Features, start: jax.Array, there: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
+    features: Features, start: jax.Array, present: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
 ) -> jax.Array:
     """Write ends, pair numbers and zeros for removed objects over the table (12, 9) of the start."""
-    index = lanes.iota(start.shape[0], there[0])
-    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (there.ndim - 1))
+    index = lanes.iota(start.shape[0], present[0])
+    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (present.ndim - 1))
     table = start
     for body, ends in enumerate(placed):
         whole = jax.lax.optimization_barrier(jnp.pad(ends, [(0, start.shape[1] - 4)] + [(0, 0)] * (ends.ndim - 1)))
@@ -233,4 +233,4 @@ def _table(
     for pair_column, member, number in zip((7, 8), _members(features), numbers, strict=True):
         if member.shape[0]:
             table = jnp.where(column == pair_column, number[:, None], table)
-    return jnp.where(there[:, None], table, jnp.zeros((), table.dtype))
+    return jnp.where(present[:, None], table, jnp.zeros((), table.dtype))

@@ -87,7 +87,7 @@ def object_rows(features: SceneFeatures, position: Floats, angle: Floats, alive:
         angle: (12,) rad.
         alive: (12,) bool, False once removed.
     """
-    there = alive & features.present
+    present = alive & features.present
     cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     ends = np.asarray(features.ends, position.dtype)
     x = position[:, 0][:, None] + ends[:, :, 0] * cos - ends[:, :, 1] * sin
@@ -95,18 +95,18 @@ def object_rows(features: SceneFeatures, position: Floats, angle: Floats, alive:
     columns = [
         np.stack([x, y], axis=-1).reshape(-1, 4),
         np.asarray(features.constants, position.dtype),
-        pair_number(features.joints, there).astype(position.dtype)[:, None],
-        pair_number(features.springs, there).astype(position.dtype)[:, None],
+        pair_number(features.joints, present).astype(position.dtype)[:, None],
+        pair_number(features.springs, present).astype(position.dtype)[:, None],
     ]
     rows = np.concatenate(columns, axis=1)
-    return np.where(there[:, None], rows, np.zeros_like(rows))
+    return np.where(present[:, None], rows, np.zeros_like(rows))
 
 
-def pair_number(member: npt.NDArray[np.bool_], there: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+def pair_number(member: npt.NDArray[np.bool_], present: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
     """Return the number of the last remaining pair of each object, (12,); a pair ends with either of its objects."""
     if not len(member):
-        return np.zeros(there.shape, np.int32)
-    remains = np.asarray(~(member & ~there[None, :]).any(axis=1))
+        return np.zeros(present.shape, np.int32)
+    remains = np.asarray(~(member & ~present[None, :]).any(axis=1))
     number = np.cumsum(remains.astype(np.int32), dtype=np.int32)[:, None]
     return np.asarray(np.where(member & remains[:, None], number, np.zeros_like(number)).max(axis=0))
 

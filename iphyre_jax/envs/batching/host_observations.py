@@ -121,17 +121,17 @@ class HostObservations:
             self._id[game, column] = len(self._cached) + k
         self._cached = np.concatenate([self._cached, np.stack(rows)])
 
-    def _row(self, game: int, present: npt.NDArray[np.bool_]) -> Floats:
+    def _row(self, game: int, present_slots: npt.NDArray[np.bool_]) -> Floats:
         """Return the observation of a game with some blocks present, before moving bodies are written over it."""
         features = self._features
         table = np.array(features.obs_rows[game], np.float32)
-        there = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
-        for block, is_present in zip(np.asarray(features.slot_object)[game], present, strict=True):
+        present = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
+        for block, is_present in zip(np.asarray(features.slot_object)[game], present_slots, strict=True):
             if block >= 0 and not is_present:
-                there[block] = False
+                present[block] = False
         for column, pairs in ((7, features.joints), (8, features.springs)):
-            table[:, column] = pair_number(np.asarray(pairs)[game], there) > 0
-        table[~there] = 0
+            table[:, column] = pair_number(np.asarray(pairs)[game], present) > 0
+        table[~present] = 0
         row = np.zeros(self.size, np.float32)
         row[: self._rows] = table.reshape(-1)
         first = self._rows + 2 * self._no_op

@@ -28,7 +28,7 @@ from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, Pose, objects_there, own_features, scene_tables
+from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
 from iphyre_jax.observations.official import COLUMNS
 from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.types import Topology
@@ -158,7 +158,7 @@ class HostWorlds(Worlds):
         numbers = jax.lax.bitcast_convert_type(words, self.dtype)
         x, y, angle = numbers.reshape(3, bodies)
         sound = status.fault != FAULT_NOT_FINITE
-        return features, Pose(x, y, angle, objects_there(features, status.present), sound)
+        return features, Pose(x, y, angle, present_objects(features, status.present), sound)
 
     def _pose_words(self, topology: Topology, bodies: int) -> list[int]:
         """Return the words of an episode that hold x, y and angle of each moving body."""

@@ -27,8 +27,8 @@ class Status(NamedTuple):
 def status_of(game: jax.Array, world: World, episode: EpisodeState, executed: jax.Array) -> Status:
     """Return the status of an episode."""
     out = episode.result
-    there = present_slots(world, episode, executed.shape[0])
-    return Status(game, episode.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed)
+    present = present_slots(world, episode, executed.shape[0])
+    return Status(game, episode.state.step, out.success, out.steps, out.eliminations, out.fault, present, executed)
 
 
 def present_slots(world: World, episode: EpisodeState, slots: int) -> jax.Array:
@@ -54,5 +54,5 @@ def unpack_status(words: jax.Array) -> Status:
     """Return the status of (words,) integers, see `status_rows`; lanes stay behind."""
     slots = (words.shape[0] - PRESENT) // 2
     game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(PRESENT))
-    there, executed = words[PRESENT : PRESENT + slots] != 0, words[PRESENT + slots :] != 0
-    return Status(game, step, success != 0, steps, eliminations, fault, there, executed)
+    present, executed = words[PRESENT : PRESENT + slots] != 0, words[PRESENT + slots :] != 0
+    return Status(game, step, success != 0, steps, eliminations, fault, present, executed)
