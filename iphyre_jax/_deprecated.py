@@ -8,12 +8,7 @@ from importlib import import_module
 
 
 def moved(module: str, names: Mapping[str, tuple[str, str]]) -> Callable[[str], object]:
-    """Return the `__getattr__` of a module whose names have moved (PEP 562).
-
-    Args:
-        module: the old module's name.
-        names: old name -> new module and new name.
-    """
+    """Return the `__getattr__` of an old module (PEP 562); names: old name -> new module and new name."""
 
     def find(name: str) -> object:
         if name not in names:

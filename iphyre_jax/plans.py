@@ -74,7 +74,7 @@ def _checked_times(times: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
     return plans
 
 
-def official_clock(fps: int) -> npt.NDArray[np.float64]:
+def official_clock(fps: float) -> npt.NDArray[np.float64]:
     """Return the clock of the official `simulate` at the start of each frame, (F,) s.
 
     The driver adds 1/fps while the sum is below 15. So the clock carries the rounding of all additions: 900 frames at

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
-from iphyre_jax.plans import TIME_LIMIT
+from iphyre_jax.plans import TIME_LIMIT, official_clock
 from iphyre_jax.scenes import Scene, load_scene
 
 Click = Sequence[float]  # x, y, t: px and s
@@ -146,9 +146,7 @@ class IPHYRE:
 
     def frames(self) -> list[float]:
         """Return the official clock at the start of each step of `simulate`, s: the sums of 1/fps below 15."""
-        clock = [0.0]
-        while clock[-1] + self.timestep < TIME_LIMIT:
-            clock.append(clock[-1] + self.timestep)
+        clock: list[float] = official_clock(float(self.FPS)).tolist()
         return clock
 
     def removals(self, action: Sequence[Click]) -> dict[int, int]:

@@ -44,8 +44,22 @@ class Ending(NamedTuple):
     truncated: jax.Array
 
 
+class _Times:
+    """An action gives the time of each slot, as a share of 15 s."""
+
+    slots: int
+
+    def action_space(self) -> Space:
+        """Return the space of actions: (slots,) float32 in [0, 1]."""
+        return Box(0.0, 1.0, (self.slots,))
+
+    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
+        """Return the flags of a transition; see `Strategy`."""
+        return Ending(success, out_of_time & ~success)
+
+
 @dataclass(frozen=True)
-class InAdvance:
+class InAdvance(_Times):
     """All times are given at the start, as six shares of 15 s: one decision an episode.
 
     Times are rounded to 0.1 s; a block stays at 0 and from 15.0 s on. Of equal times only that of the lowest slot
@@ -58,10 +72,6 @@ class InAdvance:
     decisions: int = 1
     no_op_candidate: bool = False
 
-    def action_space(self) -> Space:
-        """Return the space of actions: (slots,) float32 in [0, 1]."""
-        return Box(0.0, 1.0, (self.slots,))
-
     def plan_action(
         self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
     ) -> PlannedAction:
@@ -70,10 +80,6 @@ class InAdvance:
         counts = _is_lowest(frames) & (frames >= 1) & (frames < FRAMES)
         plan = jnp.where(counts, frames * protocol.steps_per_frame, NEVER)
         return PlannedAction(plan, jnp.full_like(step, protocol.steps), executed)
-
-    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
-        """Return the flags of a transition; see `Strategy`."""
-        return Ending(success, out_of_time & ~success)
 
 
 @dataclass(frozen=True)
@@ -106,7 +112,7 @@ class OnTheFly:
 
 
 @dataclass(frozen=True)
-class Combined:
+class Combined(_Times):
     """Six shares of 15 s, given again after each removal.
 
     An action plays up to and including the frame of the next removal that is due. Later times may change; past times do
@@ -128,10 +134,6 @@ class Combined:
         """The most decisions of an episode: each but the last removes a block."""
         return self.slots + 1
 
-    def action_space(self) -> Space:
-        """Return the space of actions: (slots,) float32 in [0, 1]."""
-        return Box(0.0, 1.0, (self.slots,))
-
     def plan_action(
         self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
     ) -> PlannedAction:
@@ -144,10 +146,6 @@ class Combined:
         plan = jnp.where(chosen, (frame * protocol.steps_per_frame)[None], NEVER)
         stop_step = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
         return PlannedAction(plan, stop_step, executed | chosen)
-
-    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
-        """Return the flags of a transition; see `Strategy`."""
-        return Ending(success, out_of_time & ~success)
 
 
 Strategy = InAdvance | OnTheFly | Combined

@@ -19,8 +19,7 @@ import numpy.typing as npt
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, PartitionSpec
 
-from iphyre_jax.execution.compilation.client import Arrays
-from iphyre_jax.execution.compilation.executables import Run, executable
+from iphyre_jax.execution.compilation.executables import Run, executable, run_in_jax
 from iphyre_jax.execution.programs import Program, episode_layout
 from iphyre_jax.physics.types import Topology
 
@@ -109,13 +108,7 @@ def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
         inside = tuple(map(partial(_spec, program.lanes), program.arguments()))
         outside = tuple(map(partial(_spec, program.lanes), results))
         run = jax.shard_map(program.run, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
-    compiled = jax.jit(run)
-
-    def call(*arrays: npt.NDArray[Any]) -> Arrays:
-        with jax.enable_x64(program.dtype == "float64"):
-            return tuple(np.asarray(result) for result in compiled(*arrays))
-
-    return call
+    return run_in_jax(run, program.dtype)
 
 
 def _spec(lanes: int, shape: jax.ShapeDtypeStruct) -> PartitionSpec:

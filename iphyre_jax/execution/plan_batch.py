@@ -75,14 +75,8 @@ class PlanBatch:
         if self.settings.share_prefixes:
             self._run_prefixes(rows, attempt)
             return
-        groups = group_by_topology(
-            self.worlds,
-            self.scene_index,
-            rows,
-            dtype,
-            lanes=lambda topology: partition.lanes(topology, dtype),
-            order=self._sort_alike,
-        )
+        lanes = partial(partition.lanes, dtype=dtype)
+        groups = group_by_topology(self.worlds, self.scene_index, rows, dtype, lanes, self._sort_alike)
         if on_cpu():
             prepare([self._program(group.topology, attempt) for group in groups])
         own = [groups[index :: partition.process_count] for index in range(partition.process_count)]

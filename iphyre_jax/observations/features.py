@@ -73,25 +73,19 @@ def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Fe
     features: dict[str, Any] = {
         "object_rows": rows.astype(dtype),
         "obs_rows": scaled.clip(0.0, 1.0),
-        "mover": _padded(movers, max(topology.moving for topology in topologies)),
+        "mover": _padded(movers.astype(np.int32), max(topology.moving for topology in topologies), NOTHING),
         "ends": ends.astype(dtype),
-        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
-        "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in topologies)),
-        "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in topologies)),
+        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int32), scene.limits.blocks, NOTHING),
+        "joints": _padded(host.joints, max(len(topology.pins) for topology in topologies), False),
+        "springs": _padded(host.springs, max(len(topology.springs) for topology in topologies), False),
         "candidates": host.candidates,
     }
     return Features(**features)
 
 
-def _padded(indices: np.ndarray[Any, Any], size: int) -> np.ndarray[Any, Any]:
-    padded = np.full(size, NOTHING, np.int32)
-    padded[: len(indices)] = indices
-    return padded
-
-
-def _padded_pairs(pairs: np.ndarray[Any, Any], size: int) -> np.ndarray[Any, Any]:
-    padded = np.zeros((size, pairs.shape[1]), bool)
-    padded[: len(pairs)] = pairs
+def _padded(rows: np.ndarray[Any, Any], size: int, fill: int | bool) -> np.ndarray[Any, Any]:
+    padded = np.full((size, *rows.shape[1:]), fill, rows.dtype)
+    padded[: len(rows)] = rows
     return padded
 
 

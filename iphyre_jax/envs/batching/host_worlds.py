@@ -46,11 +46,6 @@ class HostParams(EnvParams):
     features: Features  # of each game, padded to the largest; only pictures need them
 
     @property
-    def games(self) -> int:
-        """The number of games."""
-        return self.ids.shape[-1]
-
-    @property
     def topology_id(self) -> jax.Array:
         """Topology of each game, (games,) int32."""
         return self.ids

@@ -60,10 +60,7 @@ class TopologySet:
         """Return the set of some topologies, at least one; dtype: of the physics."""
         with jax.enable_x64(dtype == "float64"):
             worlds = [World.shapes(topology, dtype) for topology in topologies]
-            episodes = [
-                jax.eval_shape(partial(initial_episode, topology), world)
-                for topology, world in zip(topologies, worlds, strict=True)
-            ]
+            episodes = [jax.eval_shape(partial(initial_episode, t), w) for t, w in zip(topologies, worlds, strict=True)]
         return cls(topologies, tuple(map(PaddedShapes.of, worlds)), tuple(map(PaddedShapes.of, episodes)))
 
     def only(self, topology_id: int) -> TopologySet:

@@ -17,7 +17,6 @@ from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.observations.features import Features, Pose, own_features, pose_of, scene_tables
 from iphyre_jax.observations.vectors import observe
-from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import EpisodeState
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
@@ -35,19 +34,9 @@ class TracedParams(EnvParams):
     features: Features  # what an observation needs
 
     @property
-    def games(self) -> int:
-        """The number of games."""
-        return self.table.topology_id.shape[-1]
-
-    @property
     def topology_id(self) -> jax.Array:
         """Topology of each game, (games,) int32."""
         return self.table.topology_id
-
-    @property
-    def world(self) -> World:
-        """The games as worlds of the solver."""
-        return self.table.world
 
 
 @jax.tree_util.register_dataclass
@@ -92,7 +81,7 @@ class TracedWorlds(Worlds):
         topology_id = int(params.table.topology_id[game])
         of = self.topology_set.only(topology_id)
         with jax.enable_x64(self.dtype == "float64"):
-            tables = params.world, params.start, params.features
+            tables = params.table.world, params.start, params.features
             world, first, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
             own = of.world.unpad(world), of.episode.unpad(first), own_features(features, self.topologies[topology_id])
             world, first, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
@@ -126,7 +115,7 @@ class TracedWorlds(Worlds):
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""
-        return status_of(state.row, _row(params.world, state.row), state.episode, state.executed)
+        return status_of(state.row, _row(params.table.world, state.row), state.episode, state.executed)
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
         """Return the observation of an episode."""

@@ -118,7 +118,7 @@ def _compile_all(
         if not _load(program, *entries[program]):
             text = f"programs are compiled in this process, without compiler options ({problem}); {COST}"
             warnings.warn(text, RuntimeWarning, stacklevel=4)
-            _keep(program, _compile_here(program))
+            _keep(program, run_in_jax(program.run, program.dtype))
 
 
 def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:
@@ -134,13 +134,13 @@ def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:
     return True
 
 
-def _compile_here(program: Program) -> Run:
-    """Compile a program in this process."""
-    run = jax.jit(program.run)
+def run_in_jax(function: Callable[..., tuple[jax.Array, ...]], dtype: str) -> Run:
+    """Return a traced function as a function of NumPy arrays, compiled by the user's JAX."""
+    run = jax.jit(function)
 
     def call(*arrays: np.ndarray[Any, Any] | ClientArray) -> Arrays:
         given = [np.asarray(array.array) if isinstance(array, ClientArray) else array for array in arrays]
-        with jax.enable_x64(program.dtype == "float64"):
+        with jax.enable_x64(dtype == "float64"):
             return tuple(np.asarray(result) for result in run(*given))
 
     return call
