@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from iphyre_jax.envs import Environment, EnvParams, EnvState, Scores, environment_ids, evaluate, make, register
+    from iphyre_jax.envs.in_advance import observation_table, play_plans
     from iphyre_jax.execution.configuration import Configuration, configure
     from iphyre_jax.plans import plan_to_steps
     from iphyre_jax.rollouts import rollout
     from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneBuilder, load_scene, vary
+    from iphyre_jax.scenes.compile import compile_scene, step_timing
     from iphyre_jax.simulation import Simulation, simulate, simulate_many
 
 __version__ = "0.1.0"
@@ -30,16 +32,20 @@ __all__ = [
     "Scores",
     "Simulation",
     "__version__",
+    "compile_scene",
     "configure",
     "environment_ids",
     "evaluate",
     "load_scene",
     "make",
+    "observation_table",
     "plan_to_steps",
+    "play_plans",
     "register",
     "rollout",
     "simulate",
     "simulate_many",
+    "step_timing",
     "vary",
 ]
 
@@ -52,6 +58,8 @@ _HOME = {
     "SceneBuilder": "scenes",
     "load_scene": "scenes",
     "vary": "scenes",
+    "compile_scene": "scenes.compile",
+    "step_timing": "scenes.compile",
     "Simulation": "simulation",
     "simulate": "simulation",
     "simulate_many": "simulation",
@@ -65,6 +73,8 @@ _HOME = {
     "evaluate": "envs",
     "make": "envs",
     "register": "envs",
+    "observation_table": "envs.in_advance",
+    "play_plans": "envs.in_advance",
     "configure": "execution.configuration",
     "Configuration": "execution.configuration",
 }

@@ -1,9 +1,9 @@
-"""Elimination times in seconds to physics steps, by the rules of the official code.
+"""`plan_to_steps`: elimination times in seconds to physics steps, by the rules of the official code.
 
-A plan gives each eliminable block a time; the simulator wants the index of the physics step
-before which the block goes. The official code has two drivers, and they differ: `simulate`
-(people, oracle, data sets) keeps a clock that accumulates rounding and takes one entry a frame,
-the in-advance learning environment rounds to tenths of a second and loses ties.
+A plan gives each eliminable block a time; the simulator takes the physics step before which the block goes. The
+official code has two drivers with different rules. `simulate` (people, oracle, data sets) keeps a clock that
+accumulates rounding and takes one entry a frame. The in-advance learning environment rounds to tenths of a second and
+loses ties.
 """
 
 from __future__ import annotations
@@ -29,21 +29,19 @@ def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.
     """Turn plans in seconds into the `eliminate_at` of `simulate`.
 
     Args:
-        times: (B, S) float32 or float64 (whole numbers are taken as float64), s, not negative;
-            column s belongs to the s-th eliminable block; NaN: the plan has no entry for it.
+        times: (B, S) float32 or float64 (integers become float64), s, not negative; column s belongs to the s-th
+            eliminable block; NaN: the plan has no entry for it.
         fps: physics steps a second, a positive whole number; for "in_advance" a multiple of 10.
-        rule: "simulate", the driver of people and data sets: entries in order of time (stable,
-            so equal times go in column order), at most one a frame, taken at the first frame
-            whose clock has reached its time; an entry at 0 takes its frame and removes nothing.
-            "in_advance", the learning environment: times rounded to 0.1 s (half to even, in the
-            type of `times`), looked up at 0.1, 0.2, ..., 14.9 s; of equal rounded times only the
-            lowest column is executed, the others are lost; 0 and anything from 15.0 on is never.
+        rule: "simulate", for people and data sets: entries are taken in order of time (equal times in column order), at
+            most one a frame, at the first frame whose clock has reached the time. An entry at 0 takes its frame and
+            removes nothing. "in_advance", for the learning environment: times are rounded to 0.1 s (half to even, in
+            the dtype of `times`) and looked up at 0.1, 0.2, ..., 14.9 s. Of equal rounded times only the lowest column
+            counts. 0 and times from 15.0 on mean never.
 
     Returns:
-        (B, S) int64: 0-based index of the physics step before which the block is removed, -1 for
-        never. "simulate" runs while its accumulated clock is below 15 s, which at some rates is
-        one step more than 15 x fps (151 at 10 fps); an entry in that last frame keeps its index
-        (150), which a world of exactly 15 s does not reach.
+        (B, S) int64: 0-based index of the physics step before which the block is removed, -1 for never. "simulate" runs
+        while its accumulated clock is below 15 s. At some rates that is one step more than 15 x fps (151 at 10 fps). An
+        entry in that last frame keeps its index (150), which a world of exactly 15 s does not reach.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -60,7 +58,7 @@ def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.
 
 
 def _checked_times(times: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
-    """The plans as a (B, S) float32 or float64 array, or a one-line ValueError."""
+    """Return the plans as a (B, S) float32 or float64 array, or raise a one-line ValueError."""
     try:
         plans = np.asarray(times)
     except ValueError:
@@ -79,26 +77,25 @@ def _checked_times(times: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
     return plans
 
 
-def official_clock(fps: int) -> npt.NDArray[np.float64]:
-    """(F,) clock of the official `simulate` at the start of each of its frames, s.
+def official_clock(fps: float) -> npt.NDArray[np.float64]:
+    """Return the clock of the official `simulate` at the start of each frame, (F,) s.
 
-    The driver adds 1/fps to a float until it is no longer below 15, so the clock carries the
-    rounding of all additions: 900 frames at 60 fps, 151 at 10 fps.
+    The driver adds 1/fps while the sum is below 15. So the clock carries the rounding of all additions: 900 frames at
+    60 fps, 151 at 10 fps.
     """
     clock = np.full(int(TIME_LIMIT * fps) + 2, 1 / fps)
     clock[0] = 0.0
-    clock = np.add.accumulate(clock)  # one addition after the other, as the driver's loop
+    clock = np.add.accumulate(clock)  # adds in sequence, like the driver's loop
     return clock[clock < TIME_LIMIT]
 
 
 def _simulate_steps(times: npt.NDArray[np.float64], fps: int) -> npt.NDArray[np.int64]:
-    """Rule "simulate" for (B, S) float64 seconds."""
+    """Return the steps of (B, S) float64 seconds by the rule "simulate"."""
     clock = official_clock(fps)
     order = np.argsort(times, axis=1, kind="stable")  # NaN sorts last
     entries = np.take_along_axis(times, order, axis=1)
     due = np.searchsorted(clock, entries, side="left")  # first frame with clock >= time
-    # One entry a frame: entry j takes max(due_j, frame_{j-1} + 1). With due_j - j in place of
-    # due_j that is a running maximum.
+    # One entry a frame: entry j takes max(due_j, frame_{j-1} + 1), a running maximum of due_j - j.
     column = np.arange(times.shape[1])
     frame = np.maximum.accumulate(due - column, axis=1) + column if times.shape[1] else due
     executed = (entries > 0) & (frame < len(clock))  # False for NaN
@@ -108,19 +105,22 @@ def _simulate_steps(times: npt.NDArray[np.float64], fps: int) -> npt.NDArray[np.
 
 
 def _in_advance_steps(times: npt.NDArray[np.floating[Any]], fps: int) -> npt.NDArray[np.int64]:
-    """Rule "in_advance" for (B, S) float32 or float64 seconds."""
+    """Return the steps of (B, S) float32 or float64 seconds by the rule "in_advance".
+
+    `envs.strategies.InAdvance` has the same rule in JAX; a test holds the two equal.
+    """
     if fps % DECISIONS_PER_SECOND:
         raise ValueError(f"fps: expected a multiple of {DECISIONS_PER_SECOND} for rule 'in_advance', got {fps}")
-    # np.round(times, 1) is rint(times * 10) / 10 in the type of `times`; the integer is the instant.
+    # np.round(times, 1) is rint(times * 10) / 10 in the dtype of `times`; the integer is the frame.
     bounded = np.minimum(times, times.dtype.type(TIME_LIMIT + 1))  # keeps the product finite
     tenths = np.rint(bounded * times.dtype.type(DECISIONS_PER_SECOND))
     last = int(TIME_LIMIT * DECISIONS_PER_SECOND) - 1
     valid = (tenths >= 1) & (tenths <= last)  # False for NaN
-    instant = np.where(valid, tenths, NEVER).astype(np.int64)
-    # A column is lost if an earlier column of its row has the same instant.
-    same = instant[:, :, None] == instant[:, None, :]
+    frame = np.where(valid, tenths, NEVER).astype(np.int64)
+    # A column is lost if an earlier column of its row has the same frame.
+    same = frame[:, :, None] == frame[:, None, :]
     lost = np.tril(same, k=-1).any(axis=2)
-    return np.where(valid & ~lost, instant * (fps // DECISIONS_PER_SECOND), NEVER)
+    return np.where(valid & ~lost, frame * (fps // DECISIONS_PER_SECOND), NEVER)
 
 
 def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:

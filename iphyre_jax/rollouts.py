@@ -1,7 +1,7 @@
 """Episodes under a plan: the jittable layer between the solver and everything that plays games.
 
-A rollout is one world, or many in lanes (trailing axes). It steps until every lane is over, so a chunk of lanes costs
-what its longest game costs.
+A rollout plays one world, or many in lanes (trailing axes). It steps until every lane is done, so the longest game
+decides what a group of lanes costs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FAULT_NOT_FINITE = 2  # a position or velocity is infinite or not a number
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class EpisodeResult:
-    """What came out of an episode so far, as of the last step that counted; n moving bodies."""
+    """The result of an episode so far; steps after its end change nothing. n moving bodies."""
 
     position: Vec  # (n,) px
     angle: jax.Array  # (n,) rad
@@ -46,7 +46,7 @@ class EpisodeState:
 def reset_episode(topology: Topology, world: World, done: jax.Array) -> EpisodeState:
     """Return an episode before its first step.
 
-    done: () bool, True for a lane that is not to be played at all.
+    done: () bool, True for a spare lane, which is never played.
     """
     state = initial_state(topology, world)
     zero = jnp.zeros_like(state.step)
@@ -54,16 +54,22 @@ def reset_episode(topology: Topology, world: World, done: jax.Array) -> EpisodeS
     return EpisodeState(state, EpisodeResult(state.position, state.angle, done | no, no, zero, zero, zero))
 
 
+def removal_steps(world: World, plan: jax.Array) -> jax.Array:
+    """Return the step before which each static bar is removed, (S,) int32, -1 for never; plan: see `run_until`."""
+    removal = jnp.full_like(world.plan_slot, -1)
+    for slot in range(plan.shape[0]):
+        removal = jnp.where(world.plan_slot == slot, jnp.expand_dims(plan[slot], 0), removal)
+    return removal
+
+
 def run_until(
     topology: Topology, world: World, timing: Timing, plan: jax.Array, episode: EpisodeState, stop_step: jax.Array
 ) -> EpisodeState:
-    """Play on until the step count reaches `stop_step` (traced) or every lane is over.
+    """Play on until `stop_step` (traced) steps are made or every lane is done; all lanes stand at the same step.
 
-    plan: (S,) int32, the 0-based step before which the block of that plan column is removed; -1 means never.
+    plan: (slots,) int32, the 0-based step before which each slot's block is removed; -1 means never.
     """
-    removal = jnp.full_like(world.plan_slot, -1)
-    for column in range(plan.shape[0]):
-        removal = jnp.where(world.plan_slot == column, jnp.expand_dims(plan[column], 0), removal)
+    removal = removal_steps(world, plan)
 
     def running(carry: tuple[jax.Array, EpisodeState]) -> jax.Array:
         return (carry[0] < stop_step) & ~jnp.all(carry[1].result.done)
@@ -78,9 +84,9 @@ def run_until(
 def episode_step(
     topology: Topology, world: World, timing: Timing, episode: EpisodeState, removed: jax.Array
 ) -> EpisodeState:
-    """Remove static bars, (S,) bool, make one step and keep the score. An episode that is over keeps its result.
+    """Remove static bars, (S,) bool, make one step and keep the score. An episode that is done keeps its result.
 
-    The static bars of an episode that is over are taken away, so that it costs its neighbours nothing.
+    An episode that is done loses its static bars, so that it costs its neighbours nothing.
     """
     old, done = episode.result, episode.result.done
     removed = removed & episode.state.alive
@@ -115,9 +121,9 @@ def _finite(state: State) -> jax.Array:
 
 
 def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:
-    """Play whole episodes: `steps` physics steps (traced) or until every lane is over.
+    """Play whole episodes: `steps` physics steps (traced) or until every lane is done.
 
-    plan: (S, *lanes) int32, column s belongs to the s-th eliminable block; -1 means never.
+    plan: (slots, *lanes) int32, row s belongs to the s-th eliminable block; see `run_until`.
     """
     never_done = jnp.zeros(world.start.x.shape[1:], bool)
     return run_until(topology, world, timing, plan, reset_episode(topology, world, never_done), steps).result

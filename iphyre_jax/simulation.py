@@ -1,4 +1,4 @@
-"""Play games under given plans: the host functions that check, batch and collect."""
+"""`simulate` and `simulate_many`: play games under given plans, on the host."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 
 from iphyre_jax.checks import check_dtype, check_positive, check_whole
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.devices import Share, agree, share_of
+from iphyre_jax.execution.devices import Partition, check_same_call, partition_of
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
 from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rollouts import FAULT_OVERFLOW
@@ -23,19 +23,18 @@ from iphyre_jax.scenes import Scene, SceneLike, load_scene, scene_to_dict
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """B plays. Rewards follow the paper: 1000 if solved, -10 a removed block, -1 a second.
+    """Results of B plans. Rewards follow the paper: 1000 if solved, -10 a removed block, -1 a second.
 
     Attributes:
-        success: (B,) bool, every ball's centre was below y = 600 after one and the same step.
+        success: (B,) bool, the centres of all balls were below y = 600 after the same step.
         steps: (B,) int64, physics steps made, the solving one included.
         eliminations: (B,) int64, blocks removed by then.
         reward: (B,) float64, 1000 success - 10 eliminations - steps / fps.
-        fault: (B,) int64, 0 if sound, 1 more contact points than four times its topology's slots, 2 not finite; a
-            faulted world stops, unsolved.
-        samples: (B, K, N, 3) of the simulation's dtype, x, y (px) and angle (rad) of every object at the start and
-            after every `sample_every` steps; NaN from the first sample after an object's removal; the last pose
-            repeats once the play is over. None if not asked for. Of several scenes, N is the largest number of objects
-            and NaN fills up the others.
+        fault: (B,) int64, 0 for a sound world, 1 for more contact points than four times its topology's slots, 2 for
+            numbers that are not finite. A faulted world stops, unsolved.
+        samples: (B, K, N, 3) of the physics' dtype, x, y (px) and angle (rad) of every object at the start and after
+            every `sample_every` steps; None without samples. NaN from the first sample after an object's removal. The
+            last pose repeats after the end. N is the largest number of objects of the scenes; NaN pads the others.
     """
 
     success: npt.NDArray[np.bool_]
@@ -59,21 +58,21 @@ def simulate(
 ) -> Simulation:
     """Play B plans of one scene.
 
-    A host function: it takes and returns NumPy arrays and changes no JAX setting.
+    This host function takes and returns NumPy arrays and changes no JAX setting.
 
     Args:
         scene: a game's name, the path of a scene file, or a Scene.
         eliminate_at: (B, S) integers; column s holds the 0-based index of the physics step before which the s-th
             eliminable block (in list order) is removed, -1 for never. Missing columns mean never; columns beyond the
-            scene's blocks must be -1. Blocks that go before the same step go in column order.
+            scene's blocks must be -1. Blocks with the same step are removed in column order.
         fps: physics steps a second; dt = 1 / fps.
         duration: s; duration x fps must be a whole number of steps.
         dtype: "float32" or "float64".
         sample_every: steps between samples of all poses, or None for no samples.
-        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, the
-            official learning environments play in 2.
-        mesh: devices that share the worlds, as of `jax.make_mesh`, whatever its axes are; results are the same bits. If
-            it spans processes (`jax.distributed`), each of them makes the same call and gets the whole result. None:
+        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, 2 that
+            of the official learning environments.
+        mesh: devices that share the worlds, from `jax.make_mesh`, with any axes; results have the same bits. If it
+            spans processes (`jax.distributed`), each process makes the same call and gets the whole result. None:
             JAX's default device, and the threads that `configure` sets.
 
     Raises:
@@ -83,7 +82,7 @@ def simulate(
     loaded = load_scene(scene)
     settings = _settings(fps, duration, dtype, resets, sample_every)
     plan = _plan(eliminate_at, [len(loaded.eliminable_blocks)], None)
-    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings, share_of(mesh))
+    return _simulate([loaded], np.zeros(len(plan), np.int64), plan, settings, partition_of(mesh))
 
 
 def simulate_many(
@@ -99,7 +98,7 @@ def simulate_many(
     mesh: Mesh | None = None,
     share_prefixes: bool = False,
 ) -> Simulation:
-    """Play B plans of any mixture of scenes; results come in the caller's order.
+    """Play B plans of any mix of scenes; results come in the caller's order.
 
     Args:
         scenes: names, files or Scenes.
@@ -111,9 +110,9 @@ def simulate_many(
         sample_every: steps between samples.
         resets: number of the reset.
         mesh: devices that share the worlds.
-        share_prefixes: whether plans of a scene that begin alike share the steps of their common beginning, second by
-            second: quicker where many plans do, as in a search. In float64 the results are the same bits. Without
-            samples only, and not on a mesh that spans processes.
+        share_prefixes: whether plans of a scene that begin alike share the steps of their common prefix, second by
+            second. It is faster if many plans do, as in a search. In float64 the results have the same bits. It works
+            only without samples, and not on a mesh that spans processes.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
@@ -123,14 +122,14 @@ def simulate_many(
         raise ValueError("scenes: expected a sequence of names, files or Scenes, got a single one")
     loaded = [load_scene(scene) for scene in scenes]
     settings = _settings(fps, duration, dtype, resets, sample_every, share_prefixes)
-    share = share_of(mesh)
-    if settings.share_prefixes and (settings.sample_every is not None or share.ranks > 1):
+    partition = partition_of(mesh)
+    if settings.share_prefixes and (settings.sample_every is not None or partition.process_count > 1):
         raise ValueError("share_prefixes: expected no samples, and no mesh that spans processes")
     index = _integers("which", which, 1)
     if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
-    return _simulate(loaded, index, plan, settings, share)
+    return _simulate(loaded, index, plan, settings, partition)
 
 
 def _settings(
@@ -179,19 +178,23 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
 
 
 def _simulate(
-    scenes: list[Scene], which: npt.NDArray[np.int64], plan: npt.NDArray[np.int32], settings: Settings, share: Share
+    scenes: list[Scene],
+    which: npt.NDArray[np.int64],
+    plan: npt.NDArray[np.int32],
+    settings: Settings,
+    partition: Partition,
 ) -> Simulation:
-    if share.ranks > 1:
-        agree([scene_to_dict(scene) for scene in scenes], which, plan, settings)
+    if partition.process_count > 1:
+        check_same_call([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]
     for topology, _ in worlds:
         if settings.steps > (limit := max_steps(topology)):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
-    batch = PlanBatch.of(scenes, worlds, which, plan, settings, share)
+    batch = PlanBatch(scenes, worlds, which, plan, settings, partition)
     left = np.arange(len(plan))
     for attempt in range(ATTEMPTS):
         if left.size:
-            batch.play(left, attempt)
+            batch.run(left, attempt)
             left = left[batch.fault[left] == FAULT_OVERFLOW]
     reward = episode_reward(batch.success, batch.eliminations, batch.steps, settings.fps)
     return Simulation(batch.success, batch.steps, batch.eliminations, reward, batch.fault, batch.samples)

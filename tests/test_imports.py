@@ -22,6 +22,7 @@ MOST_FILES = 14  # in one folder, beside its __init__.py
 PARTS = (
     "checks",
     "files",
+    "_deprecated",
     "rules",
     "physics",
     "scenes",
@@ -32,6 +33,7 @@ PARTS = (
     "simulation",
     "observations",
     "envs",
+    "env",
     "adapters",
     "compat",
     "train",

@@ -1,4 +1,4 @@
-"""The environments in the shapes of other libraries; each adapter needs its library, an optional extra."""
+"""The environments with the interfaces of other libraries; each adapter needs its library, an optional extra."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ def __getattr__(name: str) -> object:
     """Import an adapter on first use (PEP 562).
 
     Raises:
-        ImportError: its library is missing; one line that says which extra brings it.
+        ImportError: its library is missing; one line that names the extra.
     """
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,9 +13,9 @@ from iphyre_jax.envs import make
 
 
 def mend_brax() -> None:
-    """Give JAX back a function that brax 0.14.2 calls and JAX 0.10 no longer has, so that brax's trainers run.
+    """Add a function to JAX that brax 0.14.2 calls and JAX 0.10 has dropped, so that brax's trainers run.
 
-    `jax.device_put_replicated` puts a tree on devices, stacked once for each. Where JAX has it nothing is changed.
+    `jax.device_put_replicated` puts a tree on devices, stacked once for each. If JAX has it, nothing changes.
     """
 
     def device_put_replicated(x: Any, devices: Sequence[jax.Device]) -> Any:  # noqa: ANN401
@@ -26,19 +26,19 @@ def mend_brax() -> None:
 
 
 class BraxEnv(Env):
-    """One world as a `brax.envs.Env`, to be mapped and reset by brax's own wrappers.
+    """One world as a `brax.envs.Env`, for brax's own wrappers, which map and reset it.
 
-    Brax's policies give numbers from -1 to 1: six of them are the shares of 15 s, (a + 1) / 2, of the in-advance and
-    the combined strategy; on the fly there are seven, of which the largest names the action. Its wrappers want
-    old-style random keys (`jax.random.PRNGKey`), and its `AutoResetWrapper` begins all episodes of a world with the
-    game of the first. `mend_brax` makes its trainers run on a JAX that brax 0.14.2 does not know.
+    Brax's policies give numbers from -1 to 1. In advance and combined, six numbers a give the shares of 15 s,
+    (a + 1) / 2; on the fly, the largest of seven numbers selects the action. Brax's wrappers need old-style random keys
+    (`jax.random.PRNGKey`), and its `AutoResetWrapper` starts all episodes of a world with the game of the first.
+    `mend_brax` makes brax's trainers run on newer versions of JAX.
 
     state.pipeline_state is the `EnvState`; done is 1 where terminated or truncated; metrics has success; info has
     terminated and truncated, 0 or 1.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
-        **options: as for `iphyre_jax.make`, but autoreset.
+        **options: as for `iphyre_jax.make`, except autoreset.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -46,26 +46,26 @@ class BraxEnv(Env):
 
     def __init__(self, id: str, **options: Any) -> None:  # noqa: ANN401
         if "autoreset" in options:
-            raise ValueError("autoreset: expected none, brax resets by a wrapper of its own")
+            raise ValueError("autoreset: expected none, because brax's wrapper resets")
         self.env, self.params = make(id, autoreset=False, **options)
         self._on_the_fly = self.env.strategy.name == "on-the-fly"
 
     def reset(self, rng: jax.Array) -> State:
         """Begin an episode."""
-        seen, state = self.env.reset(rng, self.params)
+        obs, state = self.env.reset(rng, self.params)
         zero = jnp.zeros((), jnp.float32)
-        return State(state, seen, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
+        return State(state, obs, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
 
     def step(self, state: State, action: jax.Array) -> State:
         """Play one decision."""
         own = jnp.argmax(action).astype(jnp.int32) if self._on_the_fly else ((action + 1) / 2).clip(0.0, 1.0)
         key = jax.random.key(0)  # without autoreset nothing is random
         out = self.env.step(key, state.pipeline_state, own, self.params)
-        seen, after, reward, terminated, truncated, info = out
+        obs, after, reward, terminated, truncated, info = out
         flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
         return state.replace(
             pipeline_state=after,
-            obs=seen,
+            obs=obs,
             reward=reward,
             done=(terminated | truncated).astype(jnp.float32),
             metrics=state.metrics | {"success": info["success"].astype(jnp.float32)},
@@ -85,5 +85,5 @@ class BraxEnv(Env):
 
     @property
     def backend(self) -> str:
-        """The solver, which is none of brax's."""
+        """The name of the solver, which is not one of brax's."""
         return "iphyre_jax"

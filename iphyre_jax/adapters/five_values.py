@@ -1,4 +1,4 @@
-"""The step of five values that JAX trainers from before gymnax 1.0 unpack (purejaxrl, rejax)."""
+"""The step with five values of trainers written for gymnax before 1.0 (purejaxrl, rejax)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class FiveValues:
     done is terminated or truncated; both are in info.
 
     Attributes:
-        env: the environment; with autoreset, as those trainers expect.
-        default_params: what `reset` and `step` take if they are given no parameters.
+        env: the environment; those trainers expect autoreset.
+        default_params: for `reset` and `step` without parameters.
     """
 
     env: Environment
@@ -44,9 +44,9 @@ class FiveValues:
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, dict[str, Any]]:
         """Play one decision; see `Environment.step`."""
         given = self.default_params if params is None else params
-        seen, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
+        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
         info = info | {"terminated": terminated, "truncated": truncated}
-        return seen, state, reward, terminated | truncated, info
+        return obs, state, reward, terminated | truncated, info
 
     def action_space(self, params: EnvParams | None = None) -> Space:
         """Return the space of actions."""

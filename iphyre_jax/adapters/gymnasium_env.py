@@ -17,11 +17,11 @@ from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
 
 RENDER_SIZE = 600  # px
-SEEDS = 2**31  # of the keys drawn from an environment's generator
+SEEDS = 2**31  # seeds of keys, drawn from an environment's generator
 
 
 def space_of(space: Space) -> gymnasium.Space[Any]:
-    """Return the space of gymnasium that is the same."""
+    """Return the same space of gymnasium."""
     if isinstance(space, Discrete):
         return gymnasium.spaces.Discrete(space.n)
     if space.dtype == "uint8":
@@ -30,10 +30,10 @@ def space_of(space: Space) -> gymnasium.Space[Any]:
 
 
 def gymnasium_flags(env: Environment, terminated: Any, truncated: Any) -> tuple[Any, Any]:  # noqa: ANN401
-    """Return terminated and truncated as gymnasium wants them; scalars or arrays.
+    """Return terminated and truncated by gymnasium's definition; scalars or arrays.
 
-    An in-advance episode is one decision, whose end is nothing that was cut off: it is terminated, solved or not. The
-    official flags, by which a failure is truncated, are in the info as `official_terminated` and `official_truncated`.
+    An in-advance episode is one decision, so it always ends by itself: it is terminated, solved or not. Officially a
+    failure is truncated; the info has the official flags, `official_terminated` and `official_truncated`.
     """
     if env.strategy.name == "in-advance":
         return terminated | truncated, terminated & False
@@ -43,14 +43,14 @@ def gymnasium_flags(env: Environment, terminated: Any, truncated: Any) -> tuple[
 class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     """One world as a `gymnasium.Env`, without autoreset.
 
-    Every reset draws one of the id's games with the environment's own generator, so that `reset(seed=...)` decides all
-    that follows; `options={"game": name or number}` asks for one. `info` has success, fault, eliminations, time (s),
-    game (its number), official_terminated and official_truncated.
+    Every reset draws one of the id's games with the environment's own generator, so `reset(seed=...)` determines all
+    later games; `options={"game": name or number}` selects one. `info` has success, fault, eliminations, time (s), game
+    (its number), official_terminated and official_truncated.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
-        render_mode: "rgb_array" to have `render` give the picture of the world, (600, 600, 3) uint8, or None.
-        **options: as for `iphyre_jax.make`, but autoreset.
+        render_mode: "rgb_array" for `render` to return the picture of the world, (600, 600, 3) uint8, or None.
+        **options: as for `iphyre_jax.make`, except autoreset.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -62,13 +62,13 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f'render_mode: expected "rgb_array" or None, got {render_mode!r}')
         if "autoreset" in options:
-            raise ValueError("autoreset: expected none, a gymnasium.Env is reset by its user")
+            raise ValueError("autoreset: expected none, because the user resets a gymnasium.Env")
         self.env, self.params = make(id, autoreset=False, **options)
         self.render_mode = render_mode
         self.observation_space = space_of(self.env.observation_space())
         self.action_space = space_of(self.env.action_space())
         self._x64 = self.env.dtype == "float64"
-        self._alone = cache(partial(self.env.alone, self.params))  # of each game, so that only what is met is compiled
+        self._single_game = cache(partial(self.env.single_game, self.params))  # so that only played games compile
         self._game = 0  # row of the parameters
         self._state: EnvState | None = None
 
@@ -78,17 +78,17 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """Begin an episode; see the class.
 
         Raises:
-            ValueError: options["game"] names no game of this id; one line.
+            ValueError: options["game"] is not a game of this id; one line.
         """
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
         with jax.enable_x64(self._x64):
-            drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # as the environment itself draws
+            drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # like the environment
             self._game = int(drawn) if game is None else self._row(game)
-            env, params = self._alone(self._game)
-            seen, self._state = env.reset_to(np.int32(0), params)
-            return np.asarray(seen), self._info(False, False)
+            env, params = self._single_game(self._game)
+            obs, self._state = env.reset_to(np.int32(0), params)
+            return np.asarray(obs), self._info(False, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Play one decision.
@@ -101,23 +101,23 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         checked = checked_action(self.env.action_space(), action, ())
         with jax.enable_x64(self._x64):
             key = jax.random.key(0)  # without autoreset nothing is random
-            env, params = self._alone(self._game)
-            seen, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
+            env, params = self._single_game(self._game)
+            obs, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
             official = bool(terminated), bool(truncated)
             flags = gymnasium_flags(self.env, *official)
-            return np.asarray(seen), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
+            return np.asarray(obs), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return the picture of the world, (600, 600, 3) uint8, if the render mode asks for it."""
+        """Return the picture of the world, (600, 600, 3) uint8; None without a render mode."""
         if self.render_mode is None or self._state is None:
             return None
         with jax.enable_x64(self._x64):
-            return np.asarray(_picture(*self._alone(self._game), self._state))
+            return np.asarray(_picture(*self._single_game(self._game), self._state))
 
     def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
-        env, params = self._alone(self._game)
+        env, params = self._single_game(self._game)
         status = env.worlds.status(params, self._state)
         return {
             "success": bool(status.success),
@@ -143,10 +143,10 @@ def _picture(env: Environment, params: EnvParams, state: EnvState) -> jax.Array:
 
 
 def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401
-    """Return an action, or a batch of them, as an array of the space's type.
+    """Return an action, or a batch of actions, as an array of the space's dtype.
 
     Raises:
-        ValueError: it has another shape or type, or lies outside; one line.
+        ValueError: it has another shape or dtype, or lies outside the space; one line.
     """
     try:
         array = np.asarray(action)
@@ -170,8 +170,8 @@ def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDA
 def register_gymnasium() -> tuple[str, ...]:
     """Register every id with gymnasium, "in-advance/basic-v1" as "iphyre/in-advance-basic-v1", and return the names.
 
-    `gymnasium.make` then gives a `GymnasiumEnv`, `gymnasium.make_vec` a `GymnasiumVectorEnv`. What is registered
-    already stays.
+    `gymnasium.make` then returns a `GymnasiumEnv`, `gymnasium.make_vec` a `GymnasiumVectorEnv`. Names that are already
+    registered stay.
     """
     names = []
     for own in environment_ids():

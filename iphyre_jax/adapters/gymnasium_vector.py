@@ -20,15 +20,15 @@ from iphyre_jax.envs.core import Environment
 
 
 class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
-    """B worlds in one program, each like a `GymnasiumEnv` of its own seed; an ended episode is reset in the same step.
+    """B worlds in one program, each like a `GymnasiumEnv` with its own seed; an ended episode resets in the same step.
 
-    The last observation and info of an ended episode are in `final_obs` and `final_info`, with the masks `_final_obs`
-    and `_final_info`, as gymnasium's own vector environments give them in that mode.
+    `final_obs` and `final_info` have the last observation and info of an ended episode, with the masks `_final_obs` and
+    `_final_info`, as in gymnasium's own vector environments with that autoreset mode.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
-        num_envs: B, how many worlds.
-        **options: as for `iphyre_jax.make`, but autoreset and final_observation.
+        num_envs: B, the number of worlds.
+        **options: as for `iphyre_jax.make`, except autoreset and final_observation.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -39,7 +39,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     def __init__(self, id: str, num_envs: int = 1, **options: Any) -> None:  # noqa: ANN401
         check_whole("num_envs", num_envs)
         if "autoreset" in options:
-            raise ValueError("autoreset: expected none, the vector environment always resets in the same step")
+            raise ValueError("autoreset: expected none, because the vector environment always resets in the same step")
         self.num_envs = num_envs
         self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
         self.single_observation_space = space_of(self.env.observation_space())
@@ -48,7 +48,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._x64 = self.env.dtype == "float64"
         self._generators = [seeding.np_random(None)[0] for _ in range(num_envs)]
-        self._next = np.zeros(num_envs, np.int64)  # seed of each world's next episode
+        self._seeds = np.zeros(num_envs, np.int64)  # seed of each world's next episode
         self._state: EnvState | None = None
 
     def reset(
@@ -57,11 +57,11 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         """Begin an episode in every world.
 
         Args:
-            seed: one number s for the seeds s, s + 1, ..., or one for each world, or None to go on with the generators.
-            options: none are known.
+            seed: s for the seeds s, s + 1, ..., or one seed for each world, or None to continue with the generators.
+            options: must be empty.
 
         Raises:
-            ValueError: as many seeds as worlds were expected, or no options; one line.
+            ValueError: there are options, or more or fewer seeds than worlds; one line.
         """
         if options:
             raise ValueError(f"options: expected none, got {', '.join(map(str, options))}")
@@ -74,9 +74,9 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         every = np.ones(self.num_envs, bool)
         self._draw(every)
         with jax.enable_x64(self._x64):
-            seen, self._state, info = _reset(self.env, self._next, self.params)
+            obs, self._state, info = _reset(self.env, self._seeds, self.params)
         self._draw(every)
-        return np.array(seen), self._infos(info, every, np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool))
+        return np.array(obs), self._infos(info, every, np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool))
 
     def step(
         self,
@@ -91,8 +91,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             raise ValueError("step: expected a call of reset before the first step")
         checked = checked_action(self.env.action_space(), actions, (self.num_envs,))
         with jax.enable_x64(self._x64):
-            out = _step(self.env, self._next, self._state, checked, self.params)
-        seen, self._state, reward, terminated, truncated, last, now = out
+            out = _step(self.env, self._seeds, self._state, checked, self.params)
+        obs, self._state, reward, terminated, truncated, last, now = out
         official = np.array(terminated), np.array(truncated)
         done = official[0] | official[1]
         self._draw(done)
@@ -104,12 +104,12 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             infos["final_info"] = self._infos(last, done, *official)
             infos["_final_info"] = done.copy()
         flags = gymnasium_flags(self.env, *official)
-        return np.array(seen), np.array(reward, np.float64), flags[0] | nothing, flags[1] | nothing, infos
+        return np.array(obs), np.array(reward, np.float64), flags[0] | nothing, flags[1] | nothing, infos
 
-    def _draw(self, which: npt.NDArray[np.bool_]) -> None:
-        """Draw the seeds of the next episodes of some worlds, each from its world's own generator."""
-        for k in np.flatnonzero(which):
-            self._next[k] = self._generators[k].integers(SEEDS)
+    def _draw(self, worlds: npt.NDArray[np.bool_]) -> None:
+        """Draw the seeds of the next episodes of some worlds, each from the world's own generator."""
+        for k in np.flatnonzero(worlds):
+            self._seeds[k] = self._generators[k].integers(SEEDS)
 
     def _infos(
         self,
@@ -130,8 +130,8 @@ def _keys(seeds: jax.Array) -> jax.Array:
 
 @partial(jax.jit, static_argnums=0)
 def _reset(env: Environment, seeds: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState, dict[str, Any]]:
-    seen, state = jax.vmap(env.reset, in_axes=(0, None))(_keys(seeds), params)
-    return seen, state, jax.vmap(env.info, in_axes=(0, None))(state, params)
+    obs, state = jax.vmap(env.reset, in_axes=(0, None))(_keys(seeds), params)
+    return obs, state, jax.vmap(env.info, in_axes=(0, None))(state, params)
 
 
 @partial(jax.jit, static_argnums=0)

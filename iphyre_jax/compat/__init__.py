@@ -1,9 +1,9 @@
 """The calls of the official package iphyre 0.2.3 over this solver, without pymunk and pygame.
 
-In place of `from iphyre.simulator import IPHYRE`, `from iphyre.games import GAMES, PARAS, MAX_OBJ_NUM, MAX_ELI_OBJ_NUM`
-and `from iphyre.utils import generate_actions`, import the same names from here. The physics is float64 and follows the
-official one reset for reset. What opens a window (`play`, `simulate_vis`, `collect_while_play`) raises
-NotImplementedError and says what does the same without one.
+Replace `from iphyre.simulator import IPHYRE`, `from iphyre.games import GAMES, PARAS, MAX_OBJ_NUM, MAX_ELI_OBJ_NUM` and
+`from iphyre.utils import generate_actions` by imports of the same names from here. The physics is float64 and follows
+the official one reset by reset. Calls that open a window (`play`, `simulate_vis`, `collect_while_play`) raise
+NotImplementedError and name a call without a window.
 """
 
 from iphyre_jax.compat.actions import generate_actions

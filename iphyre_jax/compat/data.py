@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def save_start(simulator: IPHYRE, save_path: str, images: bool) -> None:
     """Save the start of a game in the folder save_path/game: `raw.npz`, `vectors.npy` and GAME.jpg.
 
-    `vectors.npy` is the table (12, 9) of the official class. `raw.npz` holds its balls, blocks, eli and dynamic, which
-    the official class pickles as `raw.npy`; no file of this package needs to be unpickled.
+    `vectors.npy` is the table (12, 9) of the official class. `raw.npz` holds balls, blocks, eli and dynamic, which the
+    official class pickles as `raw.npy`; this package writes no pickles.
 
     Args:
         simulator: the game; it is reset.
@@ -42,10 +42,10 @@ def save_sequences(
     fps: int,
     images: bool,
 ) -> None:
-    """Save the states under each list of timed clicks in save_path/game/number, ten a second unless told otherwise.
+    """Save the states under each list of timed clicks in save_path/game/number.
 
     A folder holds `actions.npy`, (clicks, 3) x, y, t sorted by time; `vectors.npy`, (15 fps, 12, 9) tables, zeros after
-    the end; and `images/number.jpg`. A folder that is there already is left as it is, as the official class does.
+    the end; and `images/number.jpg`. A folder that exists stays as it is, as with the official class.
 
     Args:
         simulator: the game; it is reset for each list.
@@ -74,7 +74,7 @@ def save_sequences(
         np.save(folder / "actions.npy", np.array(sorted(map(list, clicks), key=lambda click: click[2])).reshape(-1, 3))
         made = 0
         for k in range(count):
-            made, solved = simulator.play_plan(removals, made, k * every)
+            made, solved = simulator.run_plan(removals, made, k * every)
             if solved:
                 break
             vectors[k] = simulator.get_all_property()

@@ -1,4 +1,4 @@
-"""The picture of one world that is played from Python."""
+"""The picture of a `SteppedWorld`."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def picture(world: SteppedWorld) -> npt.NDArray[np.uint8]:
     is_ball = np.isin(np.arange(len(radius)), balls)
     edge = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius[:, None]
     links = [np.array([[*position[i], *position[j]] for i, j in pairs]).reshape(-1, 4) for pairs in _pairs(world)]
-    there = [np.array([world.alive[i] and world.alive[j] for i, j in pairs], bool) for pairs in _pairs(world)]
+    present = [np.array([world.alive[i] and world.alive[j] for i, j in pairs], bool) for pairs in _pairs(world)]
     dynamic = jnp.asarray(features.constants[:, 2] > 0)
     order = painting_order(dynamic)
     drawing = Drawing(
         ends=jnp.asarray(table[:, :4])[order],
         radius=jnp.asarray(radius)[order],
         colour=colours(jnp.asarray(is_ball), jnp.asarray(features.constants[:, 1] > 0), dynamic)[order],
-        there=jnp.asarray(world.alive)[order],
+        present=jnp.asarray(world.alive)[order],
         spokes=jnp.asarray(np.concatenate([position, position + edge], axis=1)[balls]),
         spoke_length=jnp.asarray(radius[balls]),
         joints=jnp.asarray(links[0]),
         springs=jnp.asarray(links[1]),
-        joint_there=jnp.asarray(there[0]),
-        spring_there=jnp.asarray(there[1]),
+        joint_present=jnp.asarray(present[0]),
+        spring_present=jnp.asarray(present[1]),
     )
     return np.asarray(draw(drawing, SIZE))
 

@@ -14,6 +14,7 @@ from iphyre_jax.checks import check_positive
 from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 
@@ -49,65 +50,65 @@ class IPHYRE:
         self._world: SteppedWorld | None = None
 
     def reset(self, use_images: bool = False) -> npt.NDArray[Any]:
-        """Begin anew; returns what `step` returns first."""
+        """Start again; return the table or the picture, as `step` does."""
         self._resets += 1
         self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
-        return self._seen(use_images)
+        return self._observation(use_images)
 
     def step(
         self, pos: Sequence[float] | npt.NDArray[Any], use_images: bool = False
     ) -> tuple[npt.NDArray[Any], float, bool]:
-        """Click, then play one physics step; after success too, as often as asked.
+        """Click, then play one physics step; also after success.
 
         Args:
             pos: x and y of the click, px; 0, 0 for none.
-            use_images: return the picture, (600, 600, 3) uint8 in blue, green, red, in place of the table.
+            use_images: whether to return the picture, (600, 600, 3) uint8 in blue, green, red, instead of the table.
 
         Returns:
             The table (see `get_all_property`) or picture, the reward (-1/fps, -10 for a removed block, 1000 if solved)
             and whether the game is solved.
 
         Raises:
-            ValueError: no position, or `reset` was not called; one line.
+            ValueError: pos is not a position, or `reset` was not called; one line.
         """
         x, y = _position(pos)
         hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
         if hit is not None:
             self._started.remove(hit)
-        _, solved = self._started.play(1)
+        _, solved = self._started.run(1)
         reward = self.step_reward
         reward += self.eli_reward if hit is not None else 0
         reward += self.success_reward if solved else 0
-        return self._seen(use_images), reward, solved
+        return self._observation(use_images), reward, solved
 
     def simulate(self, action: Sequence[Click] = ()) -> tuple[int, int, float]:
-        """Play on for 15 s under timed clicks.
+        """Play 15 s under timed clicks.
 
         Args:
-            action: clicks (x, y, t); sorted by time, at most one is taken a step, one at t = 0 without effect.
+            action: clicks (x, y, t), taken in order of time, at most one a step; one at t = 0 has no effect.
 
         Returns:
-            1 if solved, else 0; the number of blocks removed; seconds played, as the official clock counts them.
+            1 if solved, else 0; the number of blocks removed; seconds played by the official clock.
 
         Raises:
-            ValueError: no such clicks, or `reset` was not called; one line.
+            ValueError: action does not hold clicks, or `reset` was not called; one line.
         """
         frames = self.frames()
         present = int(self._started.alive.sum())
-        made, solved = self.play_plan(self.removals(action), 0, len(frames))
+        made, solved = self.run_plan(self.removals(action), 0, len(frames))
         removed = present - int(self._started.alive.sum())
         return int(solved), removed, [*frames, frames[-1] + self.timestep][made]
 
     def get_action_space(self) -> list[list[float]]:
-        """Reset and return the click positions: none, the eliminable blocks' centres, and none again up to seven."""
+        """Reset and return the click positions: 0, 0 for none, the centres of the eliminable blocks, then 0, 0."""
         self.reset()
         centres = [self._started.features.position[block].tolist() for block in self.scene.eliminable_blocks]
         return [[0.0, 0.0], *centres, *([0.0, 0.0] for _ in range(self.max_eli_obj_num - len(centres)))]
 
     def get_all_property(self) -> npt.NDArray[np.float64]:
-        """Return the objects as they are, (12, 9) float64: x1, y1, x2, y2, radius, eli, dynamic, joint, spring.
+        """Return the current objects, (12, 9) float64: x1, y1, x2, y2, radius, eli, dynamic, joint, spring.
 
-        Removed objects are rows of zeros; joint and spring are the pair's number, from 1, or 0.
+        Removed objects are rows of zeros; joint and spring are the number of the pair, from 1, or 0.
         """
         return self._started.table()
 
@@ -126,33 +127,31 @@ class IPHYRE:
         data.save_sequences(self, save_path, act_lists, fps, images)
 
     def play(self) -> NoReturn:
-        """Raise NotImplementedError: the official class opens a window; `step` and `picture` do the same without."""
+        """Raise NotImplementedError: the official class opens a window; use `step` and `picture`."""
         raise _no_window("play", "step and picture")
 
     def simulate_vis(self, action: Sequence[Click] = ()) -> NoReturn:
-        """Raise NotImplementedError: the official class opens a window; `collect_seq_data` saves the same pictures."""
+        """Raise NotImplementedError: the official class opens a window; use `collect_seq_data` for the pictures."""
         raise _no_window("simulate_vis", "simulate for the result and collect_seq_data for its pictures")
 
     def collect_while_play(
         self, player_name: str = "", max_episode: int = 5, save_path: str = "./player_data.json"
     ) -> NoReturn:
-        """Raise NotImplementedError: the official class opens a window for a person to play in."""
-        raise _no_window("collect_while_play", "step, whose actions and rewards are yours to save")
+        """Raise NotImplementedError: the official class opens a window; use `step`."""
+        raise _no_window("collect_while_play", "step, and save its actions and rewards")
 
     def picture(self) -> npt.NDArray[np.uint8]:
-        """Return the picture of the world as it is, (600, 600, 3) uint8 in red, green, blue."""
+        """Return the picture of the world, (600, 600, 3) uint8 in red, green, blue."""
         with jax.enable_x64(True):
             return picture(self._started)
 
     def frames(self) -> list[float]:
-        """Return the official clock at the start of each step of `simulate`, s: 1/fps added up while below 15."""
-        clock = [0.0]
-        while clock[-1] + self.timestep < TIME_LIMIT:
-            clock.append(clock[-1] + self.timestep)
+        """Return the official clock at the start of each step of `simulate`, s: the sums of 1/fps below 15."""
+        clock: list[float] = official_clock(float(self.FPS)).tolist()
         return clock
 
     def removals(self, action: Sequence[Click]) -> dict[int, int]:
-        """Return which objects timed clicks remove, each with its step from now."""
+        """Return the objects that timed clicks remove, each with its step from now."""
         alive, found = self._started.alive.copy(), {}
         due = iter(sorted(map(_click, action), key=lambda click: click[2]))
         click = next(due, None)
@@ -167,25 +166,25 @@ class IPHYRE:
                 click = next(due, None)
         return found
 
-    def play_plan(self, removals: dict[int, int], since: int, until: int) -> tuple[int, bool]:
-        """Play from one step of a plan to another, or to the step that solves the game.
+    def run_plan(self, removals: dict[int, int], since: int, until: int) -> tuple[int, bool]:
+        """Play a plan from one step to another, or to the step that solves the game.
 
         Args:
             removals: object indices of blocks and the steps before which they go.
             since: steps of the plan made so far.
-            until: steps to have made; what is due before the next step goes too.
+            until: steps to make in total; removals due before the next step happen too.
 
         Returns:
             Steps of the plan made, and whether the last of them solved the game.
         """
         for block, step in sorted(removals.items(), key=lambda removal: removal[1]):
             if since <= step <= until and self._started.alive[block]:
-                made, solved = self._started.play(step - since)
+                made, solved = self._started.run(step - since)
                 since += made
                 if solved:
                     return since, True
                 self._started.remove(block)
-        made, solved = self._started.play(until - since)
+        made, solved = self._started.run(until - since)
         return since + made, solved
 
     @property
@@ -194,11 +193,11 @@ class IPHYRE:
             raise ValueError(f"{self.game}: expected a call of reset first")
         return self._world
 
-    def _seen(self, use_images: bool) -> npt.NDArray[Any]:
+    def _observation(self, use_images: bool) -> npt.NDArray[Any]:
         return self.picture()[:, :, ::-1] if use_images else self.get_all_property()
 
     def _hit(self, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:
-        """Return the first block that a click removes: eliminable, within its ends and 10 px of its axis."""
+        """Return the first block that a click removes: it is eliminable, and within its ends and 10 px of its axis."""
         for block in self.scene.eliminable_blocks:
             first, last = self.scene.blocks[block]
             axis = (first - last) / np.linalg.norm(first - last)

@@ -1,4 +1,4 @@
-"""One world that is played step by step from Python, in float64."""
+"""One world that Python plays step by step, in float64."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
-from iphyre_jax.execution.programs import clock, episode_layout, world_layout
+from iphyre_jax.execution.programs import episode_layout, pack_timing, world_layout
 from iphyre_jax.observations.official import object_rows, scene_features
 from iphyre_jax.physics import eliminate
 from iphyre_jax.physics.types import Topology
@@ -23,12 +23,12 @@ from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
 DTYPE = "float64"
-NO_SLOT = -2  # bars that no slot removes have column -1
+NO_SLOT = -2  # a bar that no slot removes has plan_slot -1
 
 
 @dataclass(frozen=True)
 class OfficialStep:
-    """One world, no lanes beside it: takes a block out, then plays on, also one that is solved already.
+    """Removes a block of one world, then plays on, even if the game is already solved.
 
     The official class never refuses a step.
     """
@@ -39,7 +39,7 @@ class OfficialStep:
 
     @property
     def dtype(self) -> str:
-        """The physics' type."""
+        """Of the physics."""
         return DTYPE
 
     @property
@@ -48,76 +48,76 @@ class OfficialStep:
         return 1
 
     def arguments(self) -> programs.Shapes:
-        """Return the shapes of a world (rows, 1), a clock, an order, and an episode (rows, 1).
+        """Return the shapes of a world (words, 1), packed timing, a command (3,) and an episode (rows, 1).
 
-        The order: the slot whose block goes, NO_SLOT for none; steps to play; 1 if the episode begins.
+        The command: the slot whose block goes, NO_SLOT for none; steps to play; 1 to reset the episode first.
         """
         world, episode = world_layout(self.topology, DTYPE), episode_layout(self.topology, DTYPE)
         return (
             jax.ShapeDtypeStruct((world.rows, 1), world.word),
-            jax.ShapeDtypeStruct((programs.CLOCK,), DTYPE),
+            jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), DTYPE),
             jax.ShapeDtypeStruct((3,), "int32"),
             jax.ShapeDtypeStruct((episode.rows, 1), episode.word),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episode, (rows, 1)."""
-        words, numbers, order, episode = arguments
+        words, numbers, command, episode = arguments
         world, layout = world_layout(self.topology, DTYPE).unpack(words), episode_layout(self.topology, DTYPE)
         no = jnp.zeros(1, bool)
         episode = jax.lax.cond(
-            order[2] != 0, lambda: reset_episode(self.topology, world, no), lambda: layout.unpack(episode)
+            command[2] != 0, lambda: reset_episode(self.topology, world, no), lambda: layout.unpack(episode)
         )
-        state = eliminate(self.topology, world, episode.state, world.plan_slot == order[0])
+        state = eliminate(self.topology, world, episode.state, world.plan_slot == command[0])
         going = EpisodeState(state, replace(episode.result, done=no, success=no))
         never = jnp.full((1, 1), NO_SLOT, jnp.int32)
-        request = PlayRequest(jnp.zeros(1, jnp.int32), never, state.step + order[1])
-        return (layout.pack(run_requests(self.topology, programs.timing_of(numbers), world, request, going)),)
+        request = PlayRequest(jnp.zeros(1, jnp.int32), never, state.step + command[1])
+        return (layout.pack(run_requests(self.topology, programs.unpack_timing(numbers), world, request, going)),)
 
 
 class SteppedWorld:
-    """A scene under way.
+    """One world of a scene.
 
     Args:
         scene: the scene.
         fps: physics steps a second.
-        resets: number of the reset of the reused space that this is.
+        resets: number of the reset of the reused space.
     """
 
     def __init__(self, scene: Scene, fps: float, resets: int) -> None:
         self.scene = scene
         self.features = scene_features(scene)
-        self.alive = np.array(self.features.present)  # (12,) bool, objects that are there
+        self.alive = np.array(self.features.present)  # (12,) bool, objects that are present
         topology, world = cached_world(scene, resets, DTYPE)
         self._layout = episode_layout(topology, DTYPE)
         self._run = executable(OfficialStep(topology))
         self._world = world_layout(topology, DTYPE).pack_many([world])
-        self._clock = clock(step_timing(fps, DTYPE))
+        self._timing = pack_timing(step_timing(fps, DTYPE))
         self._words = np.zeros((self._layout.rows, 1), self._layout.word)
-        self._call(begins=True)
+        self._call(is_reset=True)
 
-    def _call(self, *, slot: int = NO_SLOT, steps: int = 0, begins: bool = False) -> None:
-        """Begin, or take out the block of a slot and play on."""
-        order = np.array([slot, steps, begins], np.int32)
-        self._words = self._run(self._world, self._clock, order, self._words)[0]
+    def _call(self, *, slot: int = NO_SLOT, steps: int = 0, is_reset: bool = False) -> None:
+        """Reset the episode if asked, remove the block of a slot, and play on."""
+        command = np.array([slot, steps, is_reset], np.int32)
+        self._words = self._run(self._world, self._timing, command, self._words)[0]
         self._episode: EpisodeState = jax.tree.map(lambda leaf: leaf[..., 0], self._layout.unpack_numpy(self._words))
 
     def remove(self, block: int) -> None:
-        """Take an eliminable block out, with its joints and springs."""
+        """Remove an eliminable block with its joints and springs."""
         self.alive[block] = False
         self._call(slot=self.scene.eliminable_blocks.index(block))
 
-    def play(self, steps: int) -> tuple[int, bool]:
-        """Play on, to the first step after which all balls are below the picture or to the end.
+    def run(self, steps: int) -> tuple[int, bool]:
+        """Play on, to the first step after which all balls are below the picture, or for `steps` steps.
 
         Args:
-            steps: the most steps to make.
+            steps: the most physics steps.
 
         Returns:
             Steps made, and whether the last of them solved the game.
 
         Raises:
-            RuntimeError: the world is no longer sound; one line.
+            RuntimeError: the world has a fault; one line.
         """
         before = int(self._episode.state.step)
         self._call(steps=steps)

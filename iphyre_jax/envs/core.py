@@ -1,13 +1,14 @@
-"""The environment: pure functions of keys, states, actions and parameters, in the shape that gymnax has today.
+"""The environment: pure functions of keys, states, actions and parameters, with gymnax's signatures.
 
     obs, state = env.reset(key, params)
     obs, state, reward, terminated, truncated, info = env.step(key, state, action, params)
 
-All of them are written for one world; `jax.vmap` makes a batch of any mixture of the parameters' games.
+They play one world; `jax.vmap` makes a batch, which may mix the parameters' games.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,8 +27,7 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.observations.features import motion_size, rows_size
-from iphyre_jax.observations.vectors import ObservationName
+from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.scenes import Limits, Scene, SceneLike, load_scenes
@@ -42,23 +42,23 @@ NO_GAME = -1
 class Environment:
     """A strategy over games of some topologies; hashable, hence static under `jax.jit`.
 
-    Two that differ in their names alone are equal, and what is compiled for one serves the other.
+    Environments that differ only in their names are equal and share compiled programs.
 
     Attributes:
         name: its id, if it has one.
-        games: names of its games, in the order of the parameters that `make` returns with it.
+        games: names of the games, in the order of the parameters from `make`.
         strategy: how actions become removals.
-        protocol: physics steps under the decisions.
-        topologies: that its games may have.
+        protocol: rate of the physics.
+        topologies: those that its games may have.
         dtype: of the physics, "float32" or "float64".
-        observation: "official", the twelve rows and the candidates, float32 in [0, 1]; "motion", the same with
-            velocities and time, Markov but for the solver's cached impulses; "image", (size, size, 3) uint8.
+        observation: "official", twelve rows and the candidates, float32 in [0, 1]; "motion", the same with velocities
+            and time, Markov except for the solver's cached impulses; "image", (size, size, 3) uint8.
         image_size: px, side of an image; 0 without images.
-        autoreset: whether an episode that has ended is followed by a new one in the same step.
-        final_observation: whether `info` has what was seen of an episode when it ended.
-        limits: of its scenes, the official ones or larger: rows of an observation, slots of the strategy.
-        backend: "host", a call of the host inside your program, at full speed on a CPU; "xla", a part of your program:
-            for accelerators and gradients.
+        autoreset: whether `step` begins a new episode when one ends.
+        final_observation: whether `info` has the observation at the end of a decision, before any reset.
+        limits: of its scenes: rows of an observation, slots of the strategy.
+        backend: "host", a callback inside your program, at full speed on a CPU; "xla", a part of your program, for
+            accelerators and gradients.
     """
 
     name: str = field(compare=False)
@@ -77,18 +77,18 @@ class Environment:
     @property
     def worlds(self) -> Worlds:
         """What plays its episodes."""
-        timing = replace(self.protocol, name="")  # a name decides nothing
-        shared = self.topologies, self.dtype, timing, self.observation, self.limits, self.strategy.no_op_candidate
+        protocol = replace(self.protocol, name="")  # names do not matter
+        shared = self.topologies, self.dtype, protocol, self.observation, self.limits, self.strategy.no_op_candidate
         return HostWorlds(*shared, self.final_observation) if self.backend == "host" else TracedWorlds(*shared)
 
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
-        """Return parameters of other games of the same topologies.
+        """Return parameters of other games with the same topologies.
 
         Args:
-            scenes: names, files or scenes; an episode begins with one of them at random.
+            scenes: names, files or scenes; each episode plays one of them at random.
 
         Raises:
-            ValueError: no scenes, a bad one, or one of another topology; one line.
+            ValueError: no scenes, a bad one, or one with another topology; one line.
             OSError: a scene file cannot be read.
         """
         return self.params_of(load_scenes(scenes, self.limits))
@@ -97,7 +97,7 @@ class Environment:
         """Return scenes as parameters; see `params`.
 
         Raises:
-            ValueError: a scene's topology is not of the environment; one line.
+            ValueError: a scene has a topology that the environment lacks; one line.
         """
         for scene in scenes:
             if cached_world(scene, self.protocol.resets, self.dtype)[0] not in self.topologies:
@@ -108,20 +108,25 @@ class Environment:
         params: EnvParams = self.worlds.params(scenes)
         return params
 
-    def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
-        """Return the environment and parameters of one game, with the same spaces; nothing else is compiled (host).
+    def single_game(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
+        """Return the environment and the parameters of one game, with the same spaces; it compiles nothing else (host).
 
         Args:
             params: the games.
             game: row of the parameters.
         """
-        kind = int(np.asarray(params.kind)[game])
-        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[kind],))
-        return one, self.worlds.alone(params, game)
+        topology_id = int(np.asarray(params.topology_id)[game])
+        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[topology_id],))
+        return one, self.worlds.single_game(params, game)
+
+    def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
+        """Do what `single_game` does; deprecated."""
+        warnings.warn("Environment.alone: use Environment.single_game", DeprecationWarning, stacklevel=2)
+        return self.single_game(params, game)
 
     @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        """Begin an episode of one of the games, each as probable as the others.
+        """Begin an episode of a random game, all games being equally likely.
 
         Args:
             key: random key, typed (`jax.random.key`) or not (`jax.random.PRNGKey`).
@@ -130,7 +135,7 @@ class Environment:
         Returns:
             The observation (see `observation_space`) and the state.
         """
-        return self.reset_to(_drawn(key, params), params)
+        return self.reset_to(_draw_game(key, params), params)
 
     @partial(jax.jit, static_argnums=0)
     def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -141,32 +146,31 @@ class Environment:
             params: the games.
 
         Returns:
-            As `reset`.
+            See `reset`.
         """
         self.check_dtype()
-        seen, state = self.worlds.begin(params, jnp.asarray(game, jnp.int32))
-        return self._shown(params, state, seen), state
+        obs, state = self.worlds.reset(params, jnp.asarray(game, jnp.int32))
+        return self._observation(params, state, obs), state
 
     def step(
         self, key: jax.Array, state: EnvState, action: ArrayLike, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         """Play one decision.
 
-        Without autoreset an episode that has ended stays as it is, with a reward of 0 and the same flags.
+        Without autoreset an ended episode stays as it is, with a reward of 0 and the same flags.
 
         Args:
-            key: random key for the game that follows under autoreset.
+            key: random key that draws the next game under autoreset.
             state: of the episode.
-            action: a member of `action_space`; numbers beyond it, NaN included, do nothing.
+            action: a member of `action_space`; numbers outside it and NaN do nothing.
             params: the games.
 
         Returns:
             The observation, the state, the reward (() float32: 1000 if solved, -10 a removed block, -1 a second), the
-            official flags terminated and truncated (() bool) and the info of the transition: `info` of the state before
-            any reset.
+            official flags terminated and truncated (() bool) and the info of the state before any reset, see `info`.
 
         Raises:
-            ValueError: the action has another shape or type than the space, or JAX not the physics' type; one line.
+            ValueError: the action has a wrong shape or type, or JAX lacks the physics' dtype; one line.
         """
         self.check_dtype()
         out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
@@ -177,56 +181,56 @@ class Environment:
     def _step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        next_game = _drawn(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
-        return self.play(state, action, params, next_game)
+        next_game = _draw_game(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
+        return self.step_to(state, action, params, next_game)
 
-    def play(
+    def step_to(
         self, state: EnvState, action: jax.Array, params: EnvParams, next_game: jax.Array
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        """Play one decision, and begin a given game if the episode has ended.
+        """Play one decision; if the episode ends, begin one of a given game.
 
         Args:
             state: of the episode.
             action: an array of the action space.
             params: the games.
-            next_game: () int32, row of the parameters; -1 for none: what has ended stays.
+            next_game: () int32, row of the parameters; -1 to leave an ended episode as it is.
 
         Returns:
-            As `step`.
+            See `step`.
         """
         before = self.worlds.status(params, state)
-        order = self.strategy.order(action, before.step, before.executed, before.present, self.protocol)
+        planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
-        stop_step = jnp.where(ended, before.step, order.stop_step)
-        executed = jnp.where(ended, before.executed, order.used)
-        out = self.worlds.play(params, state, order.plan, stop_step, executed, next_game)
+        stop_step = jnp.where(ended, before.step, planned.stop_step)
+        executed = jnp.where(ended, before.executed, planned.executed)
+        out = self.worlds.step(params, state, planned.plan, stop_step, executed, next_game)
         info = self._info(out.status)
         if self.final_observation:
-            info["final_observation"] = self._shown(params, out.last_state, out.last_seen)
-        seen = self._shown(params, out.state, out.seen)
-        return seen, out.state, self.reward(before, out.status), *self.ending(out.status), info
+            info["final_observation"] = self._observation(params, out.final_state, out.final_obs)
+        obs = self._observation(params, out.state, out.obs)
+        return obs, out.state, self.reward(before, out.status), *self.ending(out.status), info
 
     @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Return what an agent sees of a state."""
-        seen = None if self.observation == "image" else self.worlds.observe(params, state)
-        return self._shown(params, state, seen)
+        """Return the observation of a state."""
+        obs = None if self.observation == "image" else self.worlds.observe(params, state)
+        return self._observation(params, state, obs)
 
-    def _shown(self, params: EnvParams, state: EnvState, seen: jax.Array | None) -> jax.Array:
-        """Return an observation: the numbers seen, or a picture."""
-        if self.observation != "image" and seen is not None:
-            return seen
+    def _observation(self, params: EnvParams, state: EnvState, obs: jax.Array | None) -> jax.Array:
+        """Return an observation: the given numbers, or an image."""
+        if self.observation != "image" and obs is not None:
+            return obs
         from iphyre_jax.observations.images import image
 
         return image(*self.worlds.pose(params, state), self.image_size)
 
     def info(self, state: EnvState, params: EnvParams) -> Info:
-        """Return the info of a state; the tree of `step` and after `reset` alike.
+        """Return the info of a state, with the same tree as from `step`.
 
         Returns:
             success, () bool; fault, () int32, 0 for a sound world (see `iphyre_jax.rollouts`); eliminations, () int32,
             blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; with
-            `final_observation` also what an agent sees of this state, under that name.
+            `final_observation`, the observation of this state under that name.
         """
         info = self._info(self.worlds.status(params, state))
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
@@ -250,11 +254,9 @@ class Environment:
         del params
         if self.observation == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), "uint8")
-        objects = self.limits.objects
-        size = rows_size(objects) + 2 * (self.strategy.slots + self.strategy.no_op_candidate)
-        if self.observation == "motion":
-            return Box(float("-inf"), float("inf"), (size + motion_size(objects),))
-        return Box(0.0, 1.0, (size,))
+        candidates = self.strategy.slots + self.strategy.no_op_candidate
+        low, high = (float("-inf"), float("inf")) if self.observation == "motion" else (0.0, 1.0)
+        return Box(low, high, (observation_size(self.observation, self.limits.objects, candidates),))
 
     @property
     def num_actions(self) -> int:
@@ -263,14 +265,14 @@ class Environment:
         return space.shape[0] if isinstance(space, Box) else space.n
 
     def reward(self, before: Status, after: Status) -> jax.Array:
-        """Return the reward of what lies between two moments of an episode, () float32."""
+        """Return the reward between two moments of an episode, () float32."""
         solved = (after.success & ~before.success).astype(jnp.float32)
         removed = (after.eliminations - before.eliminations).astype(jnp.float32)
         seconds = (after.steps - before.steps).astype(jnp.float32) / self.protocol.fps
         return SUCCESS_REWARD * solved + (ELIMINATION_REWARD * removed + SECOND_REWARD * seconds)
 
     def ending(self, status: Status) -> Ending:
-        """Return the official flags of an episode as it stands."""
+        """Return the official flags of an episode."""
         stopped = (status.step >= self.protocol.steps) | (status.fault != 0)
         return self.strategy.ending(status.success, stopped)
 
@@ -280,13 +282,13 @@ class Environment:
         return ending.terminated | ending.truncated
 
     def check_dtype(self) -> None:
-        """Raise ValueError, one line, where JAX does not have the physics' dtype."""
+        """Raise ValueError, one line, if JAX lacks the physics' dtype."""
         if jax.dtypes.canonicalize_dtype(self.dtype) != self.dtype:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
 
 
-def _drawn(key: jax.Array, params: EnvParams) -> jax.Array:
-    """Return a game at random, () int32."""
+def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:
+    """Return a random game, () int32."""
     if params.games == 1:
         return jnp.zeros((), jnp.int32)
     return jax.random.randint(key, (), 0, params.games, jnp.int32)

@@ -1,4 +1,4 @@
-"""Scoring of any policy by the paper's protocol: so many episodes of every game, mean reward and share solved."""
+"""Score a policy by the paper's protocol: so many episodes of every game, mean reward and success rate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Policy = Callable[[jax.Array, jax.Array], jax.Array]
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Outcomes of G games x E episodes.
+    """Results of G games x E episodes.
 
     Attributes:
         games: their names.
@@ -34,7 +34,7 @@ class Scores:
         success: (G, E) bool.
         eliminations: (G, E) int64.
         seconds: (G, E) float64, time played.
-        fault: (G, E) int64, 0 if the world is sound; an unsound one counts as not solved.
+        fault: (G, E) int64, 0 for a sound world; a faulted one counts as not solved.
     """
 
     games: tuple[str, ...]
@@ -51,16 +51,16 @@ class Scores:
 
     @property
     def success_rate(self) -> float:
-        """Share of episodes solved."""
+        """Share of the episodes that are solved."""
         return float(self.success.mean())
 
     def by_game(self) -> dict[str, tuple[float, float]]:
-        """Return mean reward and share solved of each game."""
+        """Return mean reward and success rate of each game."""
         pairs = zip(self.reward.mean(axis=1).tolist(), self.success.mean(axis=1).tolist(), strict=True)
         return dict(zip(self.games, pairs, strict=True))
 
     def by_split(self) -> dict[str, tuple[float, float]]:
-        """Return mean reward and share solved of each split that has games here, every game weighing the same."""
+        """Return mean reward and success rate of each split with games here; all games weigh the same."""
         table = {}
         for split, names in SPLITS.items():
             rows = [k for k, game in enumerate(self.games) if game in names]
@@ -93,7 +93,7 @@ def evaluate(
         split: a split's name, "all" for the forty games, or names, files and scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
-        observation: what the policy sees, see `make`.
+        observation: of the policy, see `make`.
         image_size: px, see `make`.
         episodes: of each game, all played side by side.
         key: random key; `jax.random.key(0)` if none is given.
@@ -120,39 +120,39 @@ def evaluate(
     key = jax.random.key(0) if key is None else key
     decisions = environment.strategy.decisions
     with jax.enable_x64(dtype == "float64"):
-        _, steps = unroll(environment, _acting(policy), (), batch, key, decisions=decisions)
+        _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
     return _scores(environment, np.asarray(batch.game), steps)
 
 
 def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> Scores:
-    """Return the outcomes of whole episodes, equally many of each game; game: (B,) of each world."""
+    """Return the results of whole episodes, as many of each game; game: (B,) of each world."""
     by_game, fps = np.argsort(game, kind="stable"), environment.protocol.fps
     shape = len(environment.games), -1
     last = {name: np.asarray(value)[-1][by_game].reshape(shape) for name, value in steps.info.items()}
-    made = np.rint(last["time"] * fps).astype(np.int64)
+    played = np.rint(last["time"] * fps).astype(np.int64)
     return Scores(
         games=environment.games,
-        reward=episode_reward(last["success"], last["eliminations"], made, fps),
+        reward=episode_reward(last["success"], last["eliminations"], played, fps),
         success=last["success"],
         eliminations=last["eliminations"].astype(np.int64),
-        seconds=made / fps,
+        seconds=played / fps,
         fault=last["fault"].astype(np.int64),
     )
 
 
 @lru_cache(maxsize=16)
-def _acting(policy: Policy) -> ActingPolicy:
-    """Return a policy as `unroll` wants it; the same for the same policy, which is then compiled once."""
+def _acting_policy(policy: Policy) -> ActingPolicy:
+    """Return a policy for `unroll`; cached, so that a policy is compiled once."""
 
-    def act(weights: object, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, tuple[()]]:
+    def act(weights: object, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
         del weights
-        return policy(key, seen), ()
+        return policy(key, obs), ()
 
     return act
 
 
 def _games(split: object) -> object:
-    """Return the games that a split's name stands for, or what else was given."""
+    """Return the games of a split's name, or the given scenes."""
     if split == "all":
         return GAMES
     if isinstance(split, str):

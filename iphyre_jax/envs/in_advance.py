@@ -1,7 +1,6 @@
-"""The in-advance environment: one look at the start, six times, one whole game.
+"""In-advance episodes as plans: an agent observes the start and gives six times; `simulate_many` plays the game.
 
-Pure functions over batches; the state of an episode is nothing but its scene and its action. The
-official learning setting is 10 steps a second in the second reset of a space.
+The official learning setting is 10 steps a second in the second reset of a space.
 Source: `IPHYRE_inadvance` of the official package 0.2.3.
 """
 
@@ -22,41 +21,41 @@ from iphyre_jax.simulation import simulate_many
 
 
 @dataclass(frozen=True, eq=False)
-class Episodes:
-    """B finished in-advance episodes, in the order in which they were asked for."""
+class PlanResults:
+    """Results of B in-advance episodes, in the caller's order."""
 
     reward: npt.NDArray[np.float64]  # (B,) 1000 if solved - 10 x eliminations - seconds
     success: npt.NDArray[np.bool_]  # (B,)
     steps: npt.NDArray[np.integer[Any]]  # (B,) physics steps made
     eliminations: npt.NDArray[np.integer[Any]]  # (B,) blocks removed
-    fault: npt.NDArray[np.integer[Any]]  # (B,) 0 if the world is sound
-    eliminate_at: npt.NDArray[np.int64]  # (B, 6) the step before which each block was to go, -1 never
+    fault: npt.NDArray[np.integer[Any]]  # (B,) 0 for a sound world
+    eliminate_at: npt.NDArray[np.int64]  # (B, 6) the planned step of each removal, -1 for never
 
     @property
     def terminated(self) -> npt.NDArray[np.bool_]:
-        """(B,) the game was solved."""
+        """Whether the game was solved, (B,)."""
         return self.success
 
     @property
     def truncated(self) -> npt.NDArray[np.bool_]:
-        """(B,) the time ran out."""
+        """Whether the time ran out, (B,)."""
         return ~self.success
 
 
 def observation_table(scenes: Sequence[SceneLike]) -> npt.NDArray[np.float32]:
-    """(S, 120) float32, more if a scene's limits are larger: what the agent sees at the start of each of S scenes."""
+    """Return the observations at the start of S scenes, (S, 120) float32, wider if a scene's limits are larger."""
     return np.stack([start_observation(scene) for scene in load_scenes(scenes)])
 
 
 def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.NDArray[np.floating[Any]]:
-    """Seconds (B, 6) of the official actions: 15 x a, in the type of the actions.
+    """Return the seconds of the official actions, (B, 6): 15 x action, in the dtype of the actions.
 
     Args:
         actions: (B, 6) float32 or float64 in [0, 1]; column s is the time of slot s as a share of 15 s.
         slots: 6, or more if a scene's limits are larger.
 
     Raises:
-        ValueError: one line, for another shape or type, a NaN or a value outside [0, 1].
+        ValueError: another shape or dtype, a NaN or a value outside [0, 1]; one line.
     """
     checked = np.asarray(actions)
     if checked.dtype not in (np.float32, np.float64):
@@ -72,7 +71,7 @@ def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.
     return checked * checked.dtype.type(TIME_LIMIT)
 
 
-def play(
+def play_plans(
     scenes: Sequence[SceneLike],
     which: npt.ArrayLike,
     actions: npt.ArrayLike,
@@ -80,8 +79,8 @@ def play(
     fps: int = OFFICIAL_FPS,
     resets: int = OFFICIAL_RESETS,
     dtype: str = "float32",
-) -> Episodes:
-    """Play B in-advance episodes, any mixture of scenes.
+) -> PlanResults:
+    """Play B in-advance episodes of any mix of scenes.
 
     Args:
         scenes: S names, files or scenes.
@@ -107,14 +106,15 @@ def play(
     blocks = np.array([len(scene.eliminable_blocks) for scene in loaded])[index]
     steps = plan_to_steps(times, fps, "in_advance")
     steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)
-    # A policy that has settled plays few different plans; equal ones end alike, so each is played once.
-    rows, again = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
-    played = simulate_many(loaded, rows[:, 0], rows[:, 1:], fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
-    return Episodes(
-        reward=played.reward[again],
-        success=played.success[again],
-        steps=played.steps[again],
-        eliminations=played.eliminations[again],
-        fault=played.fault[again],
+    # A trained policy repeats its plans; equal plans end alike, so each is played once.
+    unique, inverse = np.unique(np.column_stack([index, steps]), axis=0, return_inverse=True)
+    which, plans = unique[:, 0], unique[:, 1:]
+    played = simulate_many(loaded, which, plans, fps=fps, duration=TIME_LIMIT, dtype=dtype, resets=resets)
+    return PlanResults(
+        reward=played.reward[inverse],
+        success=played.success[inverse],
+        steps=played.steps[inverse],
+        eliminations=played.eliminations[inverse],
+        fault=played.fault[inverse],
         eliminate_at=steps,
     )

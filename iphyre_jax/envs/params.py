@@ -1,4 +1,4 @@
-"""The data of an environment: its games, and the state of an episode; opaque to users, but for what is named."""
+"""The data of an environment: its games, and the state of an episode. Users see only the named properties."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from iphyre_jax.scenes import Limits, Scene
 
 
 class EnvParams(ABC):
-    """The games of an environment, one a row of every array; an episode begins with one of them at random."""
+    """The games of an environment, one a row of every array; each episode plays one of them."""
 
     @property
-    @abstractmethod
     def games(self) -> int:
         """The number of games."""
+        return self.topology_id.shape[-1]
 
     @property
     @abstractmethod
-    def kind(self) -> jax.Array:
-        """Topology of each game, (games,) int32, an index into those of the environment."""
+    def topology_id(self) -> jax.Array:
+        """Topology of each game, (games,) int32, an index into `Environment.topologies`."""
 
 
 class EnvState(ABC):
@@ -40,21 +40,21 @@ class EnvState(ABC):
         """Row of the parameters, () int32."""
 
 
-class Played(NamedTuple):
-    """One decision of an episode."""
+class StepResult(NamedTuple):
+    """What one decision returns."""
 
-    state: Any  # now; of the next episode if this one has ended
-    seen: jax.Array  # of that state
-    status: Status  # after the decision, of the episode that was played
-    last_state: Any  # of the episode that was played; None if it was not asked for
-    last_seen: jax.Array | None  # of that state
+    state: Any  # of the next episode if this one has ended
+    obs: jax.Array  # of `state`
+    status: Status  # after the decision, before any reset
+    final_state: Any  # after the decision, before any reset; None if not asked for
+    final_obs: jax.Array | None  # of `final_state`
 
 
 @dataclass(frozen=True)
 class Worlds(ABC):
-    """How episodes are begun, played and seen, for one world, to be mapped; see `host_worlds` and `traced_worlds`.
+    """Resets, plays and observes episodes of one world; `jax.vmap` makes batches. `host_worlds`, `traced_worlds`.
 
-    Hashable. Attributes as of `Environment`; no_op: whether a candidate that does nothing is seen.
+    Hashable. Attributes are those of `Environment`; no_op: whether observations have a candidate that does nothing.
     """
 
     topologies: tuple[Topology, ...]
@@ -69,15 +69,15 @@ class Worlds(ABC):
         """Return scenes as parameters."""
 
     @abstractmethod
-    def alone(self, params: Any, game: int) -> Any:  # noqa: ANN401
-        """Return the parameters of one game, for worlds of its topology alone (host)."""
+    def single_game(self, params: Any, game: int) -> Any:  # noqa: ANN401
+        """Return the parameters of one game, for its topology only (host)."""
 
     @abstractmethod
-    def begin(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
-        """Return what is seen, and the state, of an episode before its first step."""
+    def reset(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401
+        """Return the observation and the state of an episode before its first step."""
 
     @abstractmethod
-    def play(
+    def step(
         self,
         params: Any,  # noqa: ANN401
         state: Any,  # noqa: ANN401
@@ -85,16 +85,16 @@ class Worlds(ABC):
         stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
-    ) -> Played:
-        """Play on.
+    ) -> StepResult:
+        """Play one decision.
 
         Args:
             params: the games.
             state: of the episode.
-            plan: (slots,) int32, the step before which each slot's block goes; -1 or a step gone by: it stays.
-            stop_step: () int32, the step to play to, unless the episode ends before.
-            executed: (slots,) bool, slots that a combined plan has executed then.
-            next_game: () int32, the game of the episode that follows if this one has ended; -1 for none.
+            plan: (slots,) int32, the step before which each slot's block goes; it stays at -1 or a past step.
+            stop_step: () int32, the step to play to, unless the episode ends earlier.
+            executed: (slots,) bool, slots that a combined plan has executed by then.
+            next_game: () int32, game of the next episode if this one ends; -1 for none.
         """
 
     @abstractmethod
@@ -103,7 +103,7 @@ class Worlds(ABC):
 
     @abstractmethod
     def observe(self, params: Any, state: Any) -> jax.Array:  # noqa: ANN401
-        """Return what is seen of an episode, but for pictures."""
+        """Return the observation of an episode, except images."""
 
     @abstractmethod
     def pose(self, params: Any, state: Any) -> tuple[Features, Pose]:  # noqa: ANN401

@@ -1,4 +1,4 @@
-"""How an episode is timed: the paper's learning protocol, and the same decisions over finer physics."""
+"""Rates of an episode: the paper's learning protocol, and the same decisions over finer physics."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ FRAMES_PER_SECOND: Final = 10
 
 @dataclass(frozen=True)
 class EpisodeProtocol:
-    """Physics under the decisions, which come every 0.1 s whatever the physics.
+    """Rate of the physics; decisions come every 0.1 s at any rate.
 
     Attributes:
-        name: by which `make` knows it.
+        name: for `make`.
         fps: physics steps a second, a multiple of 10.
-        resets: number of the reset of the reused space that is played; it decides the order of contacts.
+        resets: number of the reset of the reused space; it decides the order of contacts.
     """
 
     name: str
@@ -51,7 +51,7 @@ def protocol_named(name: object) -> EpisodeProtocol:
     """Return a protocol.
 
     Raises:
-        ValueError: there is none of this name; one line.
+        ValueError: no protocol has this name; one line.
     """
     if isinstance(name, str) and name in PROTOCOLS:
         return PROTOCOLS[name]

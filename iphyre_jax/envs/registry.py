@@ -1,4 +1,4 @@
-"""Environments by name: "strategy/games-vN". A change of physics or rules gives a new number, and old results stay."""
+"""Environments by name: "strategy/games-vN". A change of physics or rules gives a new number, so old results stand."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ _REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
 
 
 def _known() -> dict[str, tuple[SceneLike, ...]]:
-    """Return the sets of games by name: the forty as "all", the splits, and every game by itself."""
+    """Return the sets of games by name: all forty, the splits, and every single game."""
     sets: dict[str, tuple[SceneLike, ...]] = {"all": GAMES, **SPLITS}
     sets.update({game: (game,) for games in SPLITS.values() for game in games})
     return {f"{name}-{VERSION}": games for name, games in sets.items()} | _REGISTERED
 
 
 def environment_ids() -> tuple[str, ...]:
-    """Return every id that `make` knows: three strategies for each set of games."""
+    """Return every id that `make` takes: three strategies for each set of games."""
     return tuple(f"{strategy}/{games}" for strategy in STRATEGIES for games in _known())
 
 
 def register(name: str, scenes: Sequence[SceneLike]) -> None:
-    """Give a name to a set of games of your own, under all three strategies.
+    """Name a set of your own games, for all three strategies.
 
     Args:
         name: with a version, as "mine-v1", which makes "in-advance/mine-v1" and so on.
@@ -49,14 +49,14 @@ def register(name: str, scenes: Sequence[SceneLike]) -> None:
     if not stem or not version.isdigit() or "/" in stem:
         raise ValueError(f'name: expected the form "mine-v1", got {name!r}')
     if name in _known():
-        raise ValueError(f"name: expected one that is free, but {name} is registered")
+        raise ValueError(f"name: expected a free name, but {name} is registered")
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not scenes:
         raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
     _REGISTERED[name] = tuple(scenes)
 
 
 def make(
-    id: str,  # the word of gymnasium and gymnax
+    id: str,  # as in gymnasium and gymnax
     *,
     protocol: str = "official",
     dtype: str = "float32",
@@ -72,18 +72,18 @@ def make(
 
     Args:
         id: "strategy/games-v1": a strategy ("in-advance", "on-the-fly", "combined") and a split, "all" (the forty), a
-            game, or a name given to `register`.
-        protocol: "official", 10 physics steps a second in the second reset of a space, as the paper's agents play;
-            "smooth", 60 steps a second in a fresh space, as people do. Decisions come every 0.1 s in both.
-        dtype: of the physics, "float32" or "float64"; the latter is used under `jax.enable_x64(True)`.
+            game, or a name from `register`.
+        protocol: "official", 10 physics steps a second in the second reset of a space, as for the paper's agents;
+            "smooth", 60 steps a second in a fresh space, as for people. Decisions come every 0.1 s in both.
+        dtype: of the physics, "float32" or "float64"; "float64" needs `jax.enable_x64(True)`.
         observation: "official", "motion" or "image"; see `Environment`.
         image_size: px, side of the images (with observation="image" only; 600 by default, as the official ones).
         autoreset: whether `step` begins the next episode when one ends.
-        final_observation: whether `info` has, as "final_observation", what was seen of an episode when it ended; it
-            costs as much memory as the observations themselves where infos are kept.
-        official_bugs: reproduce plain faults of the official code too: the 151st frame of the combined strategy.
-        limits: of all its scenes: rows of an observation and slots of an action; by default the least that allow what
-            the scenes' own do.
+        final_observation: whether `info["final_observation"]` has the observation before any reset; where infos are
+            kept it takes as much memory as the observations.
+        official_bugs: whether to reproduce bugs of the official code: the 151st frame of the combined strategy.
+        limits: of all its scenes: rows of an observation and slots of an action; by default the smallest that hold the
+            scenes' own limits.
         backend: "host", "xla", see `Environment`; by default "host" if JAX's default device is a CPU, else "xla".
 
     Raises:
@@ -124,7 +124,7 @@ def environment_of(
     official_bugs: bool = False,
     backend: BackendName | None = None,
 ) -> tuple[Environment, EnvParams]:
-    """Return the environment of some scenes, all of the same limits; the rest as `make` takes it.
+    """Return the environment of some scenes with the same limits; other arguments as for `make`.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -133,15 +133,15 @@ def environment_of(
     check_option("observation", observation, get_args(ObservationName))
     if backend not in (None, *get_args(BackendName)):
         raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
-    timing = protocol if isinstance(protocol, EpisodeProtocol) else protocol_named(protocol)
+    chosen = protocol if isinstance(protocol, EpisodeProtocol) else protocol_named(protocol)
     limits = scenes[0].limits
-    built = [cached_world(scene, timing.resets, dtype) for scene in scenes]
+    compiled = [cached_world(scene, chosen.resets, dtype) for scene in scenes]
     environment = Environment(
         name=name,
         games=tuple(scene.name for scene in scenes),
         strategy=strategy_named(strategy, official_bugs=official_bugs, slots=limits.blocks),
-        protocol=timing,
-        topologies=tuple(dict.fromkeys(topology for topology, _ in built)),
+        protocol=chosen,
+        topologies=tuple(dict.fromkeys(topology for topology, _ in compiled)),
         dtype=dtype,
         observation=observation,
         image_size=_image_size(image_size, observation),

@@ -1,4 +1,4 @@
-"""Spaces of actions and observations: shape, type, bounds, sampling and membership, without any library."""
+"""Spaces of actions and observations: shape, dtype, bounds, samples and membership, without gymnasium."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 @dataclass(frozen=True)
 class Box:
-    """Arrays of one shape and type between two bounds.
+    """Arrays of one shape and dtype between two bounds.
 
     Attributes:
         low: lower bound of every entry; -inf for none.
@@ -36,15 +36,15 @@ class Box:
         return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
 
     def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
-        """Return a value as an array of the space's shape, with lanes behind; its numbers may lie anywhere.
+        """Return a value as an array of the space's shape, with lanes behind; it may lie outside the bounds.
 
         Raises:
-            ValueError: it has another shape or holds no numbers; one line.
+            ValueError: it has another shape or is not numeric; one line.
         """
         return _array(value, (*self.shape, *lanes), "fiu", "numbers")
 
     def contains(self, value: npt.ArrayLike) -> bool:
-        """Return whether a value has the shape and type and lies between the bounds (host)."""
+        """Return whether a value has the shape and dtype and lies between the bounds (host)."""
         array: np.ndarray[Any, Any] = np.asarray(value)
         inside = array.shape == self.shape and array.dtype == np.dtype(self.dtype)
         return inside and bool(((array >= self.low) & (array <= self.high)).all())
@@ -64,7 +64,7 @@ class Discrete:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """A member has no axes."""
+        """The shape of a member, which has no axes."""
         return ()
 
     def sample(self, key: jax.Array) -> jax.Array:
@@ -72,10 +72,10 @@ class Discrete:
         return jax.random.randint(key, (), 0, self.n, self.dtype)
 
     def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
-        """Return a value as an array without axes but lanes; its numbers may lie anywhere.
+        """Return a value as an array whose only axes are lanes; it may lie outside the range.
 
         Raises:
-            ValueError: it has another shape or holds no whole numbers; one line.
+            ValueError: it has another shape or is not of integers; one line.
         """
         return _array(value, lanes, "iu", "whole numbers")
 
@@ -89,7 +89,7 @@ Space = Box | Discrete
 
 
 def _array(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> jax.Array:
-    """Return an action as an array, also inside `jax.jit`, where only its shape and type are known."""
+    """Return an action as an array; inside `jax.jit` only its shape and dtype are checked."""
     try:
         array: Any = value if isinstance(value, jax.Array) else np.asarray(value)
     except ValueError:

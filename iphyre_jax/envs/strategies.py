@@ -1,9 +1,9 @@
-"""The paper's three strategies: how an action becomes removals, how far it plays, and what its end is called.
+"""The paper's three strategies: which blocks an action removes, how far it plays, and which flags end an episode.
 
-A strategy reads an action at the start of a frame (0.1 s) and answers with steps: before which physics step each slot's
-block goes, and up to which step to play. There are six slots, or as many as the scenes' limits allow blocks; those that
-stand for no block, or for one that is gone, do nothing and cost nothing. Shapes are those of one world; lanes,
-further worlds, may stand behind every axis.
+A strategy reads an action at the start of a frame (0.1 s). It plans the physics step before which each slot's block
+goes, and the step to play to. There are six slots, or as many as the scenes' limits allow blocks. A slot without a
+block, or whose block is gone, does nothing and costs nothing. Shapes are those of one world; lanes (further worlds) may
+stand behind every axis.
 Source: `IPHYRE_inadvance`, `IPHYRE_onthefly` and `IPHYRE_combine` of the official repository.
 """
 
@@ -27,12 +27,12 @@ from iphyre_jax.scenes import MAX_ELIMINABLE
 StrategyName = Literal["in-advance", "on-the-fly", "combined"]
 
 
-class Order(NamedTuple):
-    """What an action asks of the physics."""
+class PlannedAction(NamedTuple):
+    """What the physics plays for an action."""
 
-    plan: jax.Array  # (slots,) int32, the step before which each slot's block goes, -1 for never
-    stop_step: jax.Array  # () int32, steps made when the next action is due
-    used: jax.Array  # (slots,) bool, slots that were ever executed
+    plan: jax.Array  # (slots,) int32, the step before which each slot's block goes; -1 for never
+    stop_step: jax.Array  # () int32, the step at which the next action is due
+    executed: jax.Array  # (slots,) bool, slots executed by then
 
 
 class Ending(NamedTuple):
@@ -42,31 +42,14 @@ class Ending(NamedTuple):
     truncated: jax.Array
 
 
-@dataclass(frozen=True)
-class InAdvance:
-    """All times are given at the start: six shares of 15 s, one decision an episode.
+class _Times:
+    """An action gives the time of each slot, as a share of 15 s."""
 
-    A time is rounded to 0.1 s; 0 and anything from 15.0 s on means that the block stays. Of equal times only that of
-    the lowest slot counts, the others are lost. Success is reported as terminated, failure as truncated.
-    """
-
-    name: StrategyName = "in-advance"
-    slots: int = MAX_ELIMINABLE
-    decisions: int = 1
-    no_op_candidate: bool = False
+    slots: int
 
     def action_space(self) -> Space:
         """Return the space of actions: (slots,) float32 in [0, 1]."""
         return Box(0.0, 1.0, (self.slots,))
-
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
-        """Return what an action asks for; see `Strategy`."""
-        instant = instants(action)
-        counts = _is_lowest(instant) & (instant >= 1) & (instant < FRAMES)
-        plan = jnp.where(counts, instant * protocol.steps_per_frame, NEVER)
-        return Order(plan, jnp.full_like(step, protocol.steps), used)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""
@@ -74,10 +57,34 @@ class InAdvance:
 
 
 @dataclass(frozen=True)
-class OnTheFly:
-    """Every 0.1 s one of seven: 0 does nothing, i removes the block of slot i - 1.
+class InAdvance(_Times):
+    """All times are given at the start, as six shares of 15 s: one decision an episode.
 
-    A game solved in the last frame is terminated and truncated at once.
+    Times are rounded to 0.1 s; a block stays at 0 and from 15.0 s on. Of equal times only that of the lowest slot
+    counts. `plans.plan_to_steps` has the same rule for seconds in NumPy; a test holds the two equal. Success is
+    terminated, failure is truncated.
+    """
+
+    name: StrategyName = "in-advance"
+    slots: int = MAX_ELIMINABLE
+    decisions: int = 1
+    no_op_candidate: bool = False
+
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
+        """Plan an action; see `Strategy`."""
+        frames = removal_frames(action)
+        counts = _is_lowest(frames) & (frames >= 1) & (frames < FRAMES)
+        plan = jnp.where(counts, frames * protocol.steps_per_frame, NEVER)
+        return PlannedAction(plan, jnp.full_like(step, protocol.steps), executed)
+
+
+@dataclass(frozen=True)
+class OnTheFly:
+    """Every 0.1 s one of seven actions: 0 does nothing, i removes the block of slot i - 1.
+
+    A game solved in the last frame is both terminated and truncated.
     """
 
     name: StrategyName = "on-the-fly"
@@ -86,16 +93,16 @@ class OnTheFly:
     no_op_candidate: bool = True
 
     def action_space(self) -> Space:
-        """Return the space of actions: a whole number from 0 to slots."""
+        """Return the space of actions: the whole numbers from 0 to slots."""
         return Discrete(self.slots + 1)
 
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
-        """Return what an action asks for; see `Strategy`."""
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
+        """Plan an action; see `Strategy`."""
         slot = lanes.iota(self.slots, step) + 1
         plan = jnp.where(jnp.asarray(action).astype(jnp.int32)[None] == slot, step[None], NEVER)
-        return Order(plan, step + protocol.steps_per_frame, used)
+        return PlannedAction(plan, step + protocol.steps_per_frame, executed)
 
     def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
         """Return the flags of a transition; see `Strategy`."""
@@ -103,16 +110,16 @@ class OnTheFly:
 
 
 @dataclass(frozen=True)
-class Combined:
-    """Six shares of 15 s on the episode's clock, given anew after each removal.
+class Combined(_Times):
+    """Six shares of 15 s, given again after each removal.
 
-    An action plays up to and including the frame of the first removal that is due from now on; later times may change,
-    earlier ones are gone by. A slot executes once: if its time comes first again it does nothing, and neither does
-    another slot of the same time. With nothing due the action plays to the end.
+    An action plays up to and including the frame of the next removal that is due. Later times may change; past times do
+    nothing. A slot executes once: if its time is the next again, it does nothing, and another slot with the same time
+    does nothing either. With nothing due the action plays to the end.
 
     Attributes:
-        late_frame: reproduce a fault of the official code, whose clock has a 151st frame if the last action starts at
-            one of 19 frames (87, 92, 97, 102, ...): it costs 0.1 more, and a time of 15.0 s can be executed in it.
+        late_frame: reproduce a bug of the official code. Its clock has a 151st frame if the last action starts at one
+            of 19 frames (87, 92, 97, 102, ...). That frame costs 0.1 more, and a time of 15.0 s can be executed in it.
     """
 
     name: StrategyName = "combined"
@@ -122,38 +129,30 @@ class Combined:
 
     @property
     def decisions(self) -> int:
-        """The most that an episode may take: each but the last removes a block."""
+        """The most decisions of an episode: each but the last removes a block."""
         return self.slots + 1
 
-    def action_space(self) -> Space:
-        """Return the space of actions: (slots,) float32 in [0, 1]."""
-        return Box(0.0, 1.0, (self.slots,))
-
-    def order(
-        self, action: jax.Array, step: jax.Array, used: jax.Array, present: jax.Array, protocol: EpisodeProtocol
-    ) -> Order:
-        """Return what an action asks for; see `Strategy`."""
-        instant, now = instants(action), step // protocol.steps_per_frame
+    def plan_action(
+        self, action: jax.Array, step: jax.Array, executed: jax.Array, present: jax.Array, protocol: EpisodeProtocol
+    ) -> PlannedAction:
+        """Plan an action; see `Strategy`."""
+        frames, now = removal_frames(action), step // protocol.steps_per_frame
         end = jnp.asarray(_ENDS if self.late_frame else np.full_like(_ENDS, FRAMES))[now]
-        due = _is_lowest(instant) & ~used & present & (instant >= jnp.maximum(now, 1)[None]) & (instant < end[None])
-        frame = jnp.min(jnp.where(due, instant, end[None]), axis=0)
-        chosen = due & (instant == frame[None])
+        due = _is_lowest(frames) & ~executed & present & (frames >= jnp.maximum(now, 1)[None]) & (frames < end[None])
+        frame = jnp.min(jnp.where(due, frames, end[None]), axis=0)
+        chosen = due & (frames == frame[None])
         plan = jnp.where(chosen, (frame * protocol.steps_per_frame)[None], NEVER)
         stop_step = jnp.minimum(frame + 1, end) * protocol.steps_per_frame
-        return Order(plan, stop_step, used | chosen)
-
-    def ending(self, success: jax.Array, out_of_time: jax.Array) -> Ending:
-        """Return the flags of a transition; see `Strategy`."""
-        return Ending(success, out_of_time & ~success)
+        return PlannedAction(plan, stop_step, executed | chosen)
 
 
 Strategy = InAdvance | OnTheFly | Combined
-"""`order(action, step, used, standing, protocol)` takes the physics steps made, () int32, the slots executed so far and
-the slots whose block is still there, (slots,) bool each, and returns an `Order`. `ending(success, out_of_time)` takes
-whether the world is solved after a transition, and whether its time is over or it is no longer sound. `decisions` is
-the most that an episode may take."""
+"""`plan_action(action, step, executed, present, protocol)` turns an action into a `PlannedAction`. `step` is the number
+of physics steps made, () int32; `executed` and `present`, (slots,) bool, are the slots executed so far and those whose
+block is still there. `ending(success, out_of_time)` returns the flags of a transition; an episode is out of time at its
+last step, or when its world is no longer sound. `decisions` is the most that an episode may take."""
 
-# Frames at which an episode ends by the official clock, by the frame at which its last action starts.
+# The frame at which an episode ends on the official clock, for each frame at which its last action starts.
 _ENDS: Final = np.array(
     [start + len(np.arange(start / 10, TIME_LIMIT, 1 / 10)) for start in range(FRAMES)] + [FRAMES + 1] * 2, np.int32
 )
@@ -163,22 +162,22 @@ STRATEGIES: Final[Mapping[str, Strategy]] = MappingProxyType(
 )
 
 
-def instants(action: jax.Array) -> jax.Array:
-    """Return the frames that an action (slots,) names, int32: 15 x a rounded to 0.1 s, half to even, as NumPy does it.
+def removal_frames(action: jax.Array) -> jax.Array:
+    """Return the frame of each slot's removal, (slots,) int32: 15 x action, rounded to 0.1 s, half to even as in NumPy.
 
-    What is no number, or below 0 or above 15 s, is no frame of the episode.
+    NaN and times below 0 or above 15 s give -1.
     """
     action = jnp.asarray(action)
-    # Two roundings, as in the official code; without the barrier a compiler multiplies by 150 once.
+    # The official code rounds twice; without the barrier the compiler multiplies once, by 150.
     seconds = jax.lax.optimization_barrier(action * jnp.asarray(TIME_LIMIT, action.dtype))
     tenths = jnp.rint(seconds * jnp.asarray(10.0, action.dtype))
     return jnp.where((tenths >= 0) & (tenths <= FRAMES), tenths, NEVER).astype(jnp.int32)
 
 
-def _is_lowest(instant: jax.Array) -> jax.Array:
-    """Return which slots have no lower slot of the same time beside them, (slots,) bool."""
-    index = lanes.iota(instant.shape[0], instant[0])
-    same = instant[:, None] == instant[None]
+def _is_lowest(frames: jax.Array) -> jax.Array:
+    """Return which slots are the lowest of those with the same frame, (slots,) bool."""
+    index = lanes.iota(frames.shape[0], frames[0])
+    same = frames[:, None] == frames[None]
     return ~jnp.any(same & (index[None] < index[:, None]), axis=1)
 
 
@@ -186,7 +185,7 @@ def strategy_named(name: object, *, official_bugs: bool = False, slots: int = MA
     """Return a strategy.
 
     Raises:
-        ValueError: there is none of this name; one line.
+        ValueError: no strategy has this name; one line.
     """
     if not isinstance(name, str) or name not in STRATEGIES:
         raise ValueError(f"strategy: expected one of {', '.join(get_args(StrategyName))}, got {name!r}")

@@ -1,4 +1,4 @@
-"""`configure`: threads, devices and the cache folder of a process. Nothing needs it; the defaults are good."""
+"""`configure`: threads, devices and the cache folder of a process. The defaults suit most programs."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from jax.experimental.compilation_cache import compilation_cache
 from iphyre_jax.checks import check_positive, check_whole
 from iphyre_jax.execution.compilation.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
 
-SHORTEST_COMPILATION = 0.1  # s: quicker ones are not worth a file; JAX's own limit, 1 s, leaves out many of ours
+SHORTEST_COMPILATION = 0.1  # s; JAX's own limit, 1 s, leaves out many of ours
 DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """What `configure` has reached.
+    """The settings that hold after `configure`.
 
     Attributes:
-        threads: groups of worlds that are played side by side, while one more is made ready or collected.
-        cache: folder of compiled programs, or None if none is kept.
+        threads: groups of worlds that play side by side, while one more is packed or collected.
+        cache: folder of compiled programs, or None without one.
         compile_timeout: s, longest compilation of one program, or None for no limit.
     """
 
@@ -35,7 +35,7 @@ class Configuration:
 
 @dataclass
 class _Settings:
-    """What holds for this process."""
+    """The settings of this process."""
 
     threads: int | None = None  # None: one for each usable core
     folder: Path | None = None
@@ -48,22 +48,22 @@ _settings = _Settings()
 
 
 def usable_cores() -> int:
-    """Processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def threads() -> int:
-    """Number of threads that play groups of worlds."""
+    """Return the number of threads that play groups of worlds."""
     return _settings.threads or usable_cores()
 
 
 def compile_timeout() -> float | None:
-    """Seconds that the compilation of one program may take; None for no limit."""
+    """Return the longest compilation of one program, s; None for no limit."""
     return _settings.compile_timeout
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled programs, None without one; one that cannot be used is told in one warning."""
+    """Return the folder of compiled programs, None without one; warn once if it cannot be used."""
     if not _settings.folder_is_known:
         try:
             _settings.folder = default_folder()
@@ -82,20 +82,20 @@ def configure(
 ) -> Configuration:
     """Set threads, CPU devices, cache folder and time limits of this process.
 
-    No call needs it: by default all usable cores play, and compiled programs are kept in the user's cache folder. It
-    also gives the cache folder to JAX, so that programs of your own are kept there too.
+    It is optional. By default all usable cores play, and the user's cache folder keeps compiled programs. `configure`
+    also gives the cache folder to JAX, which then keeps your own programs there too.
 
     Args:
-        devices: threads that play, and CPU devices that JAX shows if it has not started yet. By default one thread for
-            each core this process may use, and JAX's own number of devices.
-        cache: folder in which compiled programs are kept between processes, made with mode 0700; False for none. By
-            default the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's
-            cache folder (XDG_CACHE_HOME or ~/.cache); JAX keeps a folder that it has been given already.
-        compile_timeout: s, longest compilation of one program, after which a TimeoutError is raised; None for no limit.
-        options: does nothing any more; compiler options are never set in this process.
+        devices: number of threads that play, and of CPU devices that JAX shows if it has not started yet. By default
+            one thread for each usable core, and JAX's own number of devices.
+        cache: folder that keeps compiled programs between processes, made with mode 0700; False for none. By default
+            the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's cache folder
+            (XDG_CACHE_HOME or ~/.cache). JAX keeps a folder that it already has.
+        compile_timeout: s, longest compilation of one program; a longer one raises TimeoutError; None for no limit.
+        options: deprecated, does nothing; compiler options are never set in this process.
 
     Returns:
-        What holds now.
+        The settings that hold now.
 
     Raises:
         ValueError: one line that names the argument and what was expected, also for a cache folder that others own
@@ -121,7 +121,7 @@ def configure(
 
 
 def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Path | None:
-    """Return the private folder to use; a default one that cannot be used is a problem, not an error."""
+    """Return the private folder to use; an unusable default folder is a problem, not an error."""
     if cache is None or cache is True:
         try:
             return default_folder()
@@ -138,7 +138,7 @@ def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Pa
 
 
 def _jax_has_started() -> bool:
-    """Whether JAX has made its clients; it has no public way to ask without making them."""
+    """Return whether JAX has made its clients; the public way to ask would make them."""
     from jax._src import xla_bridge
 
     return xla_bridge.backends_are_initialized()
@@ -155,11 +155,11 @@ def _set_devices(devices: int, problems: list[str]) -> None:
 
 
 def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
-    """Tell JAX where programs of the user's own are kept.
+    """Give JAX the cache folder for the user's own programs.
 
     Args:
-        folder: None for no cache of ours; one that somebody else has set stays.
-        keep_foreign: leave a folder that somebody else has set even if there is one of ours.
+        folder: ours; None for none. A folder that somebody else has set then stays.
+        keep_foreign: whether such a folder stays even if there is one of ours.
     """
     now = jax.config.values["jax_compilation_cache_dir"] or None
     foreign = now is not None and now != str(_settings.jax_folder)
@@ -169,5 +169,5 @@ def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
         return
     jax.config.update("jax_compilation_cache_dir", None if folder is None else str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
-    compilation_cache.reset_cache()  # otherwise a process that has compiled already would not look at the folder
+    compilation_cache.reset_cache()  # otherwise a process that has already compiled would ignore the folder
     _settings.jax_folder = folder

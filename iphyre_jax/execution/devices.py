@@ -1,8 +1,8 @@
-"""Which devices and processes share a batch of worlds.
+"""Devices and processes that share a batch of worlds.
 
-On a CPU worlds run in the executables of `executables`, on threads. On an accelerator programs are compiled by the
-user's JAX, and `jax.shard_map` spreads the lanes of a group over the devices of a mesh. Between processes whole groups
-are dealt out, and nothing is exchanged before the results are gathered: worlds need nothing of each other.
+On a CPU worlds run in executables from compiler processes, on threads. On an accelerator the user's JAX compiles the
+programs, and `jax.shard_map` spreads the lanes of a group over the devices of a mesh. Each process plays its own whole
+groups. Worlds are independent, so processes exchange nothing but the results.
 """
 
 from __future__ import annotations
@@ -19,30 +19,29 @@ import numpy.typing as npt
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, PartitionSpec
 
-from iphyre_jax.execution.compilation.client import Arrays
-from iphyre_jax.execution.compilation.executables import Run, executable
+from iphyre_jax.execution.compilation.executables import Run, executable, run_in_jax
 from iphyre_jax.execution.programs import Program, episode_layout
 from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
-STATE_BYTES = 70 * 1024  # of their episodes; with a first cache of 48 KiB this much is best, for not all of it is used
-LANES_OF_DEVICE = 8192  # on an accelerator, which wants many at once; never measured
+STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
+LANES_OF_DEVICE = 8192  # on an accelerator, which needs many at once; not tuned
 
 
 @dataclass(frozen=True)
-class Share:
-    """What this process has of the devices that play.
+class Partition:
+    """The part of the devices that belongs to this process.
 
     Attributes:
-        mesh: its own accelerators, on one axis; None for the threads of a CPU, or for JAX's default accelerator.
-        rank: its place among the processes.
-        ranks: number of processes.
+        mesh: its accelerators, on one axis; None for the threads of a CPU, or for JAX's default accelerator.
+        process_index: of this process.
+        process_count: number of processes.
     """
 
     mesh: Mesh | None
-    rank: int = 0
-    ranks: int = 1
+    process_index: int = 0
+    process_count: int = 1
 
     def lanes(self, topology: Topology, dtype: str) -> int:
         """Return how many worlds of a topology run side by side."""
@@ -59,7 +58,7 @@ def on_cpu() -> bool:
 def lanes_of(topology: Topology, dtype: str) -> int:
     """Return how many worlds of a topology a core plays side by side: a power of two, 32 to 128.
 
-    Their state should stay in its first cache. Measured; see "Lanes" in docs/decisions.md.
+    Their state should stay in the core's first cache. Measured; see "Lanes" in docs/decisions.md.
     """
     layout, lanes = episode_layout(topology, dtype), LANES
     while lanes > FEWEST and layout.rows * lanes * layout.word_size > STATE_BYTES:
@@ -68,89 +67,85 @@ def lanes_of(topology: Topology, dtype: str) -> int:
 
 
 def traced_lanes() -> int:
-    """Return how many worlds run side by side in a program of the user's own."""
+    """Return how many worlds run side by side in the user's program."""
     return LANES if on_cpu() else LANES_OF_DEVICE
 
 
-def share_of(mesh: Mesh | None) -> Share:
-    """Return this process's share of a mesh of any axes.
+def partition_of(mesh: Mesh | None) -> Partition:
+    """Return this process's part of a mesh with any axes.
 
     Raises:
-        ValueError: it is no mesh, or has devices of some processes and not of others; one line.
+        ValueError: it is not a mesh, or has devices of some processes but not of others; one line.
     """
     if mesh is None:
-        return Share(None)
+        return Partition(None)
     if not isinstance(mesh, Mesh):
-        raise ValueError(f"mesh: expected a jax.sharding.Mesh, as of jax.make_mesh, or None, got {mesh!r}")
+        raise ValueError(f"mesh: expected a jax.sharding.Mesh, from jax.make_mesh, or None, got {mesh!r}")
     processes = {device.process_index for device in mesh.devices.flat}
-    rank, ranks = jax.process_index(), jax.process_count()
-    if processes not in ({rank}, set(range(ranks))):
-        raise ValueError(f"mesh: expected devices of this process alone or of all {ranks}, got {sorted(processes)}")
+    process_index, process_count = jax.process_index(), jax.process_count()
+    if processes not in ({process_index}, set(range(process_count))):
+        raise ValueError(
+            f"mesh: expected devices of this process alone or of all {process_count}, got {sorted(processes)}"
+        )
     own = None
     if not on_cpu():
-        own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == rank]), AXIS)
-    return Share(own) if processes == {rank} else Share(own, rank, ranks)
+        own = Mesh(np.array([device for device in mesh.devices.flat if device.process_index == process_index]), AXIS)
+    return Partition(own) if processes == {process_index} else Partition(own, process_index, process_count)
 
 
 def runner(program: Program, mesh: Mesh | None) -> Run:
-    """Return a program that can be called with NumPy arrays: on this process's CPU, or on its accelerators."""
+    """Return a program as a function of NumPy arrays, on this process's CPU or its accelerators."""
     return executable(program) if on_cpu() else _on_accelerators(program, mesh)
 
 
 @cache
 def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
-    """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes, to its own end."""
+    """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes until they are done."""
     run = program.run
     if mesh is not None:
         with jax.enable_x64(program.dtype == "float64"):
-            made = jax.eval_shape(program.run, *program.arguments())
-        inside = tuple(map(partial(_spread, program.lanes), program.arguments()))
-        outside = tuple(map(partial(_spread, program.lanes), made))
+            results = jax.eval_shape(program.run, *program.arguments())
+        inside = tuple(map(partial(_spec, program.lanes), program.arguments()))
+        outside = tuple(map(partial(_spec, program.lanes), results))
         run = jax.shard_map(program.run, mesh=mesh, in_specs=inside, out_specs=outside, check_vma=False)
-    compiled = jax.jit(run)
-
-    def call(*arrays: npt.NDArray[Any]) -> Arrays:
-        with jax.enable_x64(program.dtype == "float64"):
-            return tuple(np.asarray(result) for result in compiled(*arrays))
-
-    return call
+    return run_in_jax(run, program.dtype)
 
 
-def _spread(lanes: int, shape: jax.ShapeDtypeStruct) -> PartitionSpec:
-    """Return how an array is spread: by its last axis if that is lanes."""
+def _spec(lanes: int, shape: jax.ShapeDtypeStruct) -> PartitionSpec:
+    """Return how an array is spread: along its last axis if that is lanes."""
     if shape.shape and shape.shape[-1] == lanes:
         return PartitionSpec(*[None] * (len(shape.shape) - 1), AXIS)
     return PartitionSpec()
 
 
-def agree(*call: object) -> None:
-    """Make sure that all processes have made the same call.
+def check_same_call(*call: object) -> None:
+    """Check that all processes make the same call.
 
     Args:
-        call: arrays, and values whose `repr` tells all.
+        call: arrays, and values that equal `repr`s make equal.
 
     Raises:
-        ValueError: they have not; one line, in every process.
+        ValueError: they do not; one line, in every process.
     """
     digest = hashlib.sha256()
     for part in call:
         digest.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
-    told = multihost_utils.process_allgather(np.frombuffer(digest.digest(), np.uint8))
-    if (told != told[0]).any():
+    gathered = multihost_utils.process_allgather(np.frombuffer(digest.digest(), np.uint8))
+    if (gathered != gathered[0]).any():
         raise ValueError("mesh: it spans processes, which must all make the same call with the same arguments")
 
 
-def gather(share: Share, rows: Sequence[npt.NDArray[np.integer[Any]]], array: npt.NDArray[Any]) -> None:
-    """Fill up an array, in every process, with the rows that the others have written.
+def gather(partition: Partition, rows: Sequence[npt.NDArray[np.integer[Any]]], array: npt.NDArray[Any]) -> None:
+    """Write the rows of the other processes into an array, in every process.
 
     Args:
-        share: what this process has.
-        rows: for each rank, the rows that are its own.
+        partition: of this process.
+        rows: of each process, the rows that it has written.
         array: (B, ...), of any type.
     """
     own = np.zeros((max(map(len, rows)), *array.shape[1:]), array.dtype)
-    own[: len(rows[share.rank])] = array[rows[share.rank]]
+    own[: len(rows[partition.process_index])] = array[rows[partition.process_index]]
     with jax.enable_x64(True):
-        told = multihost_utils.process_allgather(own)
-    for rank, theirs in enumerate(rows):
-        array[theirs] = told[rank, : len(theirs)]
+        gathered = multihost_utils.process_allgather(own)
+    for process_index, theirs in enumerate(rows):
+        array[theirs] = gathered[process_index, : len(theirs)]

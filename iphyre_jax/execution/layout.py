@@ -1,8 +1,8 @@
 """Trees of arrays as one flat table of words.
 
-A compiled program is called with few arrays, because each of them costs the host some microseconds a call. So a world,
-or the state of an episode, crosses the border as one table, (rows, lanes), of 32-bit words (float32) or 64-bit words
-(float64): whole numbers and flags first, then the bits of numbers.
+Each argument of a compiled program costs the host some microseconds a call, so a program takes few arrays. A world, or
+the state of an episode, is packed into one table, (rows, lanes), of 32-bit words (float32) or 64-bit words (float64):
+whole numbers and flags first, then the bits of floating-point numbers.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ WORD: dict[str, np.dtype[np.signedinteger[Any]]] = {"float32": np.dtype("int32")
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each array of a tree of one world stands in the table. Hashable.
+    """The rows of a table that hold each array of a tree. Hashable.
 
     Attributes:
         structure: of the tree.
         shapes: of its arrays, without lanes.
-        dtypes: names of theirs: "bool", "int32", or that of all its numbers.
-        dtype: of the numbers, "float32" or "float64".
+        dtypes: of the arrays: "bool", "int32", or `dtype`.
+        dtype: of the floating-point numbers, "float32" or "float64".
     """
 
     structure: Any  # jax.tree_util.PyTreeDef
@@ -42,29 +42,29 @@ class Layout:
 
     @classmethod
     def of(cls, tree: object, dtype: str) -> Layout:
-        """Return the layout of a tree of arrays, or of their shapes, without lanes; dtype: of its numbers."""
+        """Return the layout of a tree of arrays or shapes, without lanes; dtype: of its floating-point numbers."""
         leaves, structure = jax.tree.flatten(tree)
         shapes = tuple(tuple(leaf.shape) for leaf in leaves)
         return cls(structure, shapes, tuple(np.dtype(leaf.dtype).name for leaf in leaves), dtype)
 
     @property
     def word(self) -> str:
-        """Name of the table's dtype."""
+        """The dtype of the table."""
         return WORD[self.dtype].name
 
     @property
     def word_size(self) -> int:
-        """Bytes of a word."""
+        """The bytes of a word."""
         return WORD[self.dtype].itemsize
 
     @cached_property
     def rows(self) -> int:
-        """Rows of the table."""
+        """The number of rows of the table."""
         return sum(map(math.prod, self.shapes))
 
     @cached_property
     def whole_rows(self) -> int:
-        """The first rows, which hold whole numbers and flags."""
+        """The number of rows with whole numbers and flags, which come first."""
         return sum(
             math.prod(shape) for shape, dtype in zip(self.shapes, self.dtypes, strict=True) if dtype != self.dtype
         )
@@ -80,12 +80,12 @@ class Layout:
         return tuple(starts)
 
     def pack(self, tree: object) -> jax.Array:
-        """Return the table of a tree whose arrays have lanes behind their own axes, (rows, lanes); traced."""
+        """Return the table of a tree, (rows, lanes); its arrays have lanes behind their own axes; traced."""
         whole, numbers = self.parts(tree)
         return jnp.concatenate([whole, jax.lax.bitcast_convert_type(numbers, self.word)])
 
     def parts(self, tree: object) -> tuple[jax.Array, jax.Array]:
-        """Return the first rows of the table, and the numbers whose bits are the others; traced."""
+        """Return the rows of whole numbers, and those of floating-point numbers, which are not yet words; traced."""
         leaves = self.structure.flatten_up_to(tree)
         lanes = jnp.shape(leaves[0])[-1]
         whole = [jnp.zeros((0, lanes), self.word)]
@@ -107,7 +107,7 @@ class Layout:
         return self.structure.unflatten(leaves)
 
     def pack_many(self, trees: Sequence[object]) -> Words:
-        """Return the table of some worlds without lanes, one a column, (rows, worlds); NumPy."""
+        """Return the table of several trees without lanes, one a column, (rows, trees); NumPy."""
         table = np.zeros((self.rows, len(trees)), self.word)
         for k, tree in enumerate(trees):
             for leaf, start, dtype in zip(self.structure.flatten_up_to(tree), self.starts, self.dtypes, strict=True):
@@ -123,18 +123,18 @@ class Layout:
             leaves.append(part.view(dtype) if dtype == self.dtype else part.astype(dtype))
         return self.structure.unflatten(leaves)
 
-    def places(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+    def first_rows(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the first row of each array, as a tree."""
         return self.structure.unflatten(self.starts)
 
 
-def filled(columns: npt.NDArray[Number], lanes: int) -> npt.NDArray[Number]:
-    """Return one number a lane, (lanes,); spare lanes repeat the last one."""
-    return columns[np.minimum(np.arange(lanes), len(columns) - 1)]
+def fill_lanes(numbers: npt.NDArray[Number], lanes: int) -> npt.NDArray[Number]:
+    """Return one number for each lane, (lanes,); spare lanes repeat the last one."""
+    return numbers[np.minimum(np.arange(lanes), len(numbers) - 1)]
 
 
 def pieces(table: npt.NDArray[Any], first: int, width: int) -> npt.NDArray[np.void]:
-    """Return some columns of a table of contiguous rows, each row's as a single value, to be copied as one."""
+    """Return some columns of a table with contiguous rows, each row as a single value, which is copied as one."""
     size = table.itemsize
     return np.ndarray((len(table),), void(width * size), table, first * size, (table.strides[0],))
 

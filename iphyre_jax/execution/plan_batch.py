@@ -1,32 +1,32 @@
-"""Batches of plans: what plays them, in groups of worlds that run side by side, and where their results go."""
+"""Batches of plans: play them in groups of lanes and collect the results in the caller's order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.batching import Group, Rows, columns_for, group_by_topology
+from iphyre_jax.execution.batching import Group, Indices, group_by_topology, plan_slots_for
 from iphyre_jax.execution.compilation.executables import prepare
-from iphyre_jax.execution.devices import Share, gather, on_cpu, runner
-from iphyre_jax.execution.prefixes import play_prefixes
-from iphyre_jax.execution.programs import Advance, Score, clock, episode_layout
+from iphyre_jax.execution.devices import Partition, gather, on_cpu, runner
+from iphyre_jax.execution.prefixes import score_prefixes
+from iphyre_jax.execution.programs import Advance, Score, episode_layout, pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
-ATTEMPTS = 4  # at a play that needs more contact slots than it was given
+ATTEMPTS = 4  # at a plan that needs more contact slots than it was given
 
 
-def _slots(topology: Topology) -> tuple[int, ...]:
-    """Return the contact slots of each attempt: few, for time and compile time grow with them, then more and more.
+def _contact_slots(topology: Topology) -> tuple[int, ...]:
+    """Return the contact slots of each attempt: few at first, because time and compile time grow with them.
 
-    None of 800,000 random plans of the forty games at 10 fps needs a second attempt: at most 2 slots with one ball, 4
-    with two, 8 with a bar and a ball, 9 in all others. Of 2000 crowded random scenes 8 need a third.
+    None of 800,000 random plans of the forty games at 10 fps needs a second attempt: they need at most 2 slots with one
+    ball, 4 with two, 8 with a bar and a ball, 9 in all other games. Of 2000 crowded random scenes 8 need a third.
     """
     few = min(10, 2 * topology.balls + 6 * topology.bars)
     return few, topology.slots, 2 * topology.slots, 4 * topology.slots
@@ -44,138 +44,122 @@ class Settings:
     share_prefixes: bool = False
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class PlanBatch:
-    """B plays: what they are and what came of them so far."""
+    """B plans and their results so far."""
 
     scenes: list[Scene]
     worlds: list[tuple[Topology, World]]  # of the scenes
-    which: npt.NDArray[np.int64]  # (B,) scene of each
+    scene_index: npt.NDArray[np.int64]  # (B,) scene of each plan
     plan: npt.NDArray[np.int32]  # (B, S)
     settings: Settings
-    share: Share
-    success: npt.NDArray[np.bool_]
-    steps: npt.NDArray[np.int64]
-    eliminations: npt.NDArray[np.int64]
-    fault: npt.NDArray[np.int64]
-    samples: npt.NDArray[np.floating[Any]] | None
+    partition: Partition
+    success: npt.NDArray[np.bool_] = field(init=False)
+    steps: npt.NDArray[np.int64] = field(init=False)
+    eliminations: npt.NDArray[np.int64] = field(init=False)
+    fault: npt.NDArray[np.int64] = field(init=False)
+    samples: npt.NDArray[np.floating[Any]] | None = None
 
-    @classmethod
-    def of(
-        cls,
-        scenes: list[Scene],
-        worlds: list[tuple[Topology, World]],
-        which: npt.NDArray[np.int64],
-        plan: npt.NDArray[np.int32],
-        settings: Settings,
-        share: Share,
-    ) -> PlanBatch:
-        """Return plays before they are played."""
-        size, every = len(plan), settings.sample_every
-        samples = None
+    def __post_init__(self) -> None:
+        """Make room for the results."""
+        size, every = len(self.plan), self.settings.sample_every
+        self.success = np.zeros(size, bool)
+        self.steps, self.eliminations, self.fault = (np.zeros(size, np.int64) for _ in range(3))
         if every is not None:
-            shape = size, settings.steps // every + 1, max((scene.n_objects for scene in scenes), default=0), 3
-            samples = np.full(shape, np.nan, settings.dtype)
-        steps, eliminations, fault = (np.zeros(size, np.int64) for _ in range(3))
-        success = np.zeros(size, bool)
-        return cls(scenes, worlds, which, plan, settings, share, success, steps, eliminations, fault, samples)
+            objects = max((scene.n_objects for scene in self.scenes), default=0)
+            self.samples = np.full((size, self.settings.steps // every + 1, objects, 3), np.nan, self.settings.dtype)
 
-    def play(self, rows: Rows, attempt: int) -> None:
-        """Play some rows; in several processes, each its own groups of them, and gather the results."""
-        share, dtype = self.share, self.settings.dtype
+    def run(self, rows: Indices, attempt: int) -> None:
+        """Play some rows. With several processes, each plays its own groups, and all gather the results."""
+        partition, dtype = self.partition, self.settings.dtype
         if self.settings.share_prefixes:
-            self._play_prefixes(rows, attempt)
+            self._run_prefixes(rows, attempt)
             return
-        groups = group_by_topology(
-            self.worlds, self.which, rows, dtype, lambda topology: share.lanes(topology, dtype), self._alike
-        )
+        lanes = partial(partition.lanes, dtype=dtype)
+        groups = group_by_topology(self.worlds, self.scene_index, rows, dtype, lanes, self._sort_alike)
         if on_cpu():
             prepare([self._program(group.topology, attempt) for group in groups])
-        dealt = [groups[rank :: share.ranks] for rank in range(share.ranks)]
-        run_all(partial(self._play_group, attempt), dealt[share.rank])
-        if share.ranks > 1:
-            of_ranks = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in dealt]
+        own = [groups[index :: partition.process_count] for index in range(partition.process_count)]
+        run_all(partial(self._run_group, attempt), own[partition.process_index])
+        if partition.process_count > 1:
+            of_processes = [np.concatenate([rows[:0], *(group.rows for group in part)]) for part in own]
             for array in (self.success, self.steps, self.eliminations, self.fault, self.samples):
                 if array is not None:
-                    gather(share, of_ranks, array)
+                    gather(partition, of_processes, array)
 
-    def _play_prefixes(self, rows: Rows, attempt: int) -> None:
+    def _run_prefixes(self, rows: Indices, attempt: int) -> None:
         settings = self.settings
-        worlds = [(self._roomy(topology, attempt), world) for topology, world in self.worlds]
-        times = step_timing(settings.fps, settings.dtype)
-        which, plan = self.which[rows], self.plan[rows]
-        counts = play_prefixes(worlds, which, plan, times, settings.steps, self.share, settings.dtype)
+        worlds = [(self._with_contact_slots(topology, attempt), world) for topology, world in self.worlds]
+        timing = step_timing(settings.fps, settings.dtype)
+        scene_index, plan = self.scene_index[rows], self.plan[rows]
+        counts = score_prefixes(worlds, scene_index, plan, timing, settings.steps, self.partition, settings.dtype)
         self._write(rows, counts)
 
-    def _roomy(self, topology: Topology, attempt: int) -> Topology:
-        return replace(topology, slots=_slots(topology)[attempt])
+    def _with_contact_slots(self, topology: Topology, attempt: int) -> Topology:
+        return replace(topology, slots=_contact_slots(topology)[attempt])
 
     def _program(self, topology: Topology, attempt: int) -> Score | Advance:
-        kind = Score if self.samples is None else Advance
-        roomy = self._roomy(topology, attempt)
-        dtype = self.settings.dtype
-        return kind(roomy, dtype, self.share.lanes(topology, dtype), columns_for(self.plan))
+        program = Score if self.samples is None else Advance
+        own, dtype = self._with_contact_slots(topology, attempt), self.settings.dtype
+        return program(own, dtype, self.partition.lanes(topology, dtype), plan_slots_for(self.plan))
 
-    def _play_group(self, attempt: int, group: Group) -> None:
+    def _run_group(self, attempt: int, group: Group) -> None:
         program = self._program(group.topology, attempt)
-        run, settings = runner(program, self.share.mesh), self.settings
+        run, settings = runner(program, self.partition.mesh), self.settings
         worlds = group.worlds(program.lanes)
-        plans = group.plans(self.plan, program.columns, program.lanes)
-        times = clock(step_timing(settings.fps, settings.dtype))
+        plans = group.plans(self.plan, program.plan_slots, program.lanes)
+        timing = pack_timing(step_timing(settings.fps, settings.dtype))
         if isinstance(program, Score):
-            counts = run(worlds, plans, times, np.array([settings.steps, 1], np.int32))[0]
+            counts = run(worlds, plans, timing, np.array([settings.steps, 1], np.int32))[0]
             self._write(group.rows, counts[:, : len(group.rows)])
             return
         layout = episode_layout(program.topology, program.dtype)
-        episodes, moved = np.zeros((layout.rows, program.lanes), layout.word), []
+        episodes, moving = np.zeros((layout.rows, program.lanes), layout.word), []
         for stop in self._stops():
-            episodes = run(worlds, plans, times, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
+            episodes = run(worlds, plans, timing, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
             result = layout.unpack_numpy(episodes).result
-            moved.append(np.stack([result.position.x, result.position.y, result.angle], -1)[:, : len(group.rows)])
+            moving.append(np.stack([result.position.x, result.position.y, result.angle], -1)[:, : len(group.rows)])
         counts = np.stack([result.success, result.steps, result.eliminations, result.fault])
         self._write(group.rows, counts[:, : len(group.rows)])
-        self._write_samples(group, np.stack(moved))
+        self._write_samples(group, np.stack(moving))
 
     def _stops(self) -> list[int]:
-        """Return the step counts at which samples are taken, and the last step."""
+        """Return the steps after which samples are taken, and the last step."""
         every, steps = self.settings.sample_every or self.settings.steps, self.settings.steps
         return sorted({*range(0, steps + 1, every), steps})
 
-    def _write(self, rows: Rows, counts: npt.NDArray[np.integer[Any]]) -> None:
+    def _write(self, rows: Indices, counts: npt.NDArray[np.integer[Any]]) -> None:
         for array, values in zip((self.success, self.steps, self.eliminations, self.fault), counts, strict=True):
             array[rows] = values
 
-    def _write_samples(self, group: Group, moved: npt.NDArray[np.floating[Any]]) -> None:
-        """Write the poses of all objects; moved: (stops, n, used, 3) of those that move."""
+    def _write_samples(self, group: Group, moving: npt.NDArray[np.floating[Any]]) -> None:
+        """Write the poses of all objects; moving: (stops, n, worlds, 3) of the moving bodies."""
         samples = cast(npt.NDArray[np.floating[Any]], self.samples)
-        moved, stops = moved[: samples.shape[1]], self._stops()
-        for index in np.unique(group.scene):
-            scene, at = self.scenes[index], group.scene == index
+        moving, stops = moving[: samples.shape[1]], self._stops()
+        for index in np.unique(group.scene_index):
+            scene, at = self.scenes[index], group.scene_index == index
             rows = group.rows[at]
-            poses = _poses(scene, moved[:, :, at])
+            poses = _poses(scene, moving[:, :, at])
             _blank_removed(scene, poses, self.plan[rows], self.steps[rows], stops)
             samples[rows, :, : scene.n_objects] = poses
 
-    def _alike(self, rows: Rows) -> Rows:
-        return _alike(rows, self.plan)
+    def _sort_alike(self, rows: Indices) -> Indices:
+        """Sort the rows of one scene by the order of their removals, then by the steps.
+
+        Neighbours in a group then touch the same things at the same step, which the group computes once.
+        """
+        plan = self.plan[rows]
+        steps = np.where(plan < 0, np.iinfo(np.int32).max, plan)
+        order = np.argsort(steps, axis=1, kind="stable")
+        keys = np.concatenate([np.sort(steps, axis=1)[:, ::-1], order[:, ::-1]], axis=1)  # lexsort: the last key first
+        return rows[np.lexsort(keys.T)] if keys.shape[1] else rows
 
 
-def _alike(rows: npt.NDArray[np.integer[Any]], plan: npt.NDArray[np.int32]) -> npt.NDArray[np.integer[Any]]:
-    """Return the rows of one scene sorted by the order in which their blocks go, then by the times.
-
-    Neighbours in a chunk then touch the same things at the same time, which a chunk computes once for all.
-    """
-    times = np.where(plan[rows] < 0, np.iinfo(np.int32).max, plan[rows])
-    order = np.argsort(times, axis=1, kind="stable")
-    keys = np.concatenate([np.sort(times, axis=1)[:, ::-1], order[:, ::-1]], axis=1)  # the last key is the first
-    return rows[np.lexsort(keys.T)] if keys.shape[1] else rows
-
-
-def _poses(scene: Scene, moved: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
-    """Return x, y and angle of every object, (B, K, N, 3), removed ones included; moved: (K, n, B, 3), who moves."""
-    poses = np.zeros((moved.shape[2], moved.shape[0], scene.n_objects, 3), moved.dtype)
+def _poses(scene: Scene, moving: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
+    """Return x, y, angle of all objects, (B, K, N, 3), removed ones included; moving: (K, n, B, 3), moving bodies."""
+    poses = np.zeros((moving.shape[2], moving.shape[0], scene.n_objects, 3), moving.dtype)
     poses[:, :, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    poses[:, :, np.flatnonzero(scene.dynamic)] = moved.transpose(2, 0, 1, 3)
+    poses[:, :, np.flatnonzero(scene.dynamic)] = moving.transpose(2, 0, 1, 3)
     return poses
 
 
@@ -183,13 +167,13 @@ def _blank_removed(
     scene: Scene,
     poses: npt.NDArray[np.floating[Any]],
     plan: npt.NDArray[np.int32],
-    made: npt.NDArray[np.integer[Any]],
+    played: npt.NDArray[np.integer[Any]],
     stops: list[int],
 ) -> None:
-    """Write NaN for removed objects; one removed before step k is in the sample after k steps for the last time."""
+    """Write NaN for removed objects; the sample after k steps is the last with an object removed before step k."""
     at = np.array(stops[: poses.shape[1]])
-    for column, block in enumerate(scene.eliminable_blocks[: plan.shape[1]]):
-        when = plan[:, column]
-        done = (when >= 0) & (when < made)
-        row, sample = np.nonzero(done[:, None] & (at > when[:, None]))
+    for slot, block in enumerate(scene.eliminable_blocks[: plan.shape[1]]):
+        removal = plan[:, slot]
+        removed = (removal >= 0) & (removal < played)
+        row, sample = np.nonzero(removed[:, None] & (at > removal[:, None]))
         poses[row, sample, block] = np.nan

@@ -1,7 +1,7 @@
-"""What is compiled to play plans: functions of a few flat tables, one for each topology, type and number of lanes.
+"""Programs that play plans: functions of a few flat tables, one for each topology, dtype and number of lanes.
 
-A program is a frozen dataclass of plain values, so that it can be described to the process that compiles it and name an
-entry of the cache. `run` is the function, `arguments` are the shapes that it takes.
+A program is a frozen dataclass of plain values. So it can be described to the process that compiles it, and it names an
+entry of the cache. `run` is the function to compile, `arguments` are the shapes of its arguments.
 """
 
 from __future__ import annotations
@@ -21,57 +21,57 @@ from iphyre_jax.execution.layout import Layout
 from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
-CLOCK: Final = 5  # numbers of a packed `Timing`
+TIMING_NUMBERS: Final = 5  # numbers of a packed `Timing`
 SOURCES: Final = ("rules.py", "physics", "rollouts.py", "execution/programs.py", "execution/layout.py")
-SPARE: Final = -2  # in a plan: this lane is over before it starts
+SPARE: Final = -2  # in a plan: the lane is spare, done before it starts
 
 
 class Program(Protocol):
     """A function to compile; implementations are frozen dataclasses that `description.describe` takes.
 
     Attributes:
-        sources: files and folders of the package that decide what is compiled, relative to it.
+        sources: files and folders of the package that decide what is compiled, relative to the package.
     """
 
     sources: ClassVar[tuple[str, ...]]
 
     def __hash__(self) -> int:
-        """Two that are equal are one program."""
+        """Equal programs are one program."""
 
     @property
     def dtype(self) -> str:
-        """The physics' type: "float32" or "float64"."""
+        """Of the physics: "float32" or "float64"."""
 
     @property
     def lanes(self) -> int:
-        """Worlds side by side; the length of the last axis of what has one for them."""
+        """Number of worlds side by side; the length of the last axis of arrays with lanes."""
 
     def arguments(self) -> Shapes:
         """Return the shapes of the arguments of `run`."""
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Do the work; traced."""
+        """Return the results; traced."""
 
 
-def clock(timing: Timing) -> npt.NDArray[np.floating]:
-    """Return a `Timing` as one array, (CLOCK,)."""
+def pack_timing(timing: Timing) -> npt.NDArray[np.floating]:
+    """Return a `Timing` as one array, (TIMING_NUMBERS,)."""
     return np.concatenate([np.atleast_1d(np.asarray(part)) for part in jax.tree.leaves(timing)])
 
 
-def timing_of(numbers: jax.Array) -> Timing:
-    """Return the `Timing` of an array of `clock`."""
-    return Timing(numbers[0], numbers[1], numbers[2], numbers[3:CLOCK])
+def unpack_timing(numbers: jax.Array) -> Timing:
+    """Return the `Timing` of an array from `pack_timing`."""
+    return Timing(numbers[0], numbers[1], numbers[2], numbers[3:TIMING_NUMBERS])
 
 
 @lru_cache(1024)
 def world_layout(topology: Topology, dtype: str) -> Layout:
-    """Return the layout of the worlds of a topology."""
+    """Return the layout of a packed world."""
     return Layout.of(World.shapes(topology, dtype), dtype)
 
 
 @lru_cache(1024)
 def episode_layout(topology: Topology, dtype: str) -> Layout:
-    """Return the layout of episodes of a topology."""
+    """Return the layout of a packed episode."""
     with jax.enable_x64(dtype == "float64"):
         world, done = World.shapes(topology, dtype), jax.ShapeDtypeStruct((), "bool")
         return Layout.of(jax.eval_shape(partial(rollouts.reset_episode, topology), world, done), dtype)
@@ -80,16 +80,16 @@ def episode_layout(topology: Topology, dtype: str) -> Layout:
 def in_one_function(
     work: Callable[..., jax.Array], arguments: Sequence[jax.Array], like: jax.ShapeDtypeStruct, once: jax.Array
 ) -> jax.Array:
-    """Return work(*arguments) in a form that becomes one function of machine code.
+    """Return work(*arguments), compiled into one function of machine code.
 
-    A compiler makes a function of a small loop, and calls of separate kernels, which it hands to other threads, of what
-    stands outside. So the work is done in a loop of one turn.
+    The compiler turns a small loop into one function. Outside a loop it calls separate kernels, which it hands to other
+    threads. So the work is done in a loop of one turn.
 
     Args:
         work: returns an array.
-        arguments: arrays; tied to the loop's index, or the compiler would take what hangs on them alone out of it.
-        like: shape and type of the result.
-        once: () int32, 1; unknown to the compiler, or it would see through the loop.
+        arguments: arrays; tied to the loop's index, or the compiler would move work on them out of the loop.
+        like: shape and dtype of the result.
+        once: () int32, 1; the compiler must not know it, or it would unroll the loop.
     """
 
     def turn(index: jax.Array, _: jax.Array) -> jax.Array:
@@ -100,14 +100,14 @@ def in_one_function(
 
 
 @dataclass(frozen=True)
-class _OfPlans:
+class _PlanProgram:
     """A program that plays plans.
 
     Attributes:
         topology: of the worlds, with the contact slots that they may use.
         dtype: of the physics.
         lanes: worlds side by side.
-        columns: of a plan.
+        plan_slots: of the plans.
     """
 
     sources: ClassVar[tuple[str, ...]] = SOURCES
@@ -115,67 +115,64 @@ class _OfPlans:
     topology: Topology
     dtype: str
     lanes: int
-    columns: int
+    plan_slots: int
 
-    def plays(self) -> Shapes:
-        """Return the shapes of worlds (rows, lanes), plans (columns, lanes), and clock.
-
-        A plan's entries are SPARE in a lane that is not to be played.
-        """
+    def plan_arguments(self) -> Shapes:
+        """Return the shapes of worlds (words, lanes), plans (plan_slots, lanes), SPARE in spare lanes, and timing."""
         layout = world_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word),
-            jax.ShapeDtypeStruct((self.columns, self.lanes), "int32"),
-            jax.ShapeDtypeStruct((CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((self.plan_slots, self.lanes), "int32"),
+            jax.ShapeDtypeStruct((TIMING_NUMBERS,), self.dtype),
         )
 
 
-class Score(_OfPlans):
-    """Plays whole episodes and returns what is scored."""
+class Score(_PlanProgram):
+    """Plays whole episodes and returns their scores."""
 
     def arguments(self) -> Shapes:
-        """Return the shapes of `plays`, and counts (2,): the number of steps, and 1."""
-        return *self.plays(), jax.ShapeDtypeStruct((2,), "int32")
+        """Return the shapes of `plan_arguments`, and steps (2,): the number of steps, and 1."""
+        return *self.plan_arguments(), jax.ShapeDtypeStruct((2,), "int32")
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4, lanes) int32."""
         worlds, plan, numbers, steps = arguments
 
-        def play(worlds: jax.Array, plan: jax.Array) -> jax.Array:
+        def score(worlds: jax.Array, plan: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
-            out = rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]).result
+            out = rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]).result
             return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
 
         like = jax.ShapeDtypeStruct((4, plan.shape[1]), jnp.int32)
-        return (in_one_function(play, (worlds, plan), like, steps[1]),)
+        return (in_one_function(score, (worlds, plan), like, steps[1]),)
 
 
-class Advance(_OfPlans):
-    """Plays episodes on from where they are, and returns all of their state."""
+class Advance(_PlanProgram):
+    """Plays episodes on and returns their whole state."""
 
     def arguments(self) -> Shapes:
-        """Return the shapes of `plays`, steps (3,), and episodes (rows, lanes).
+        """Return the shapes of `plan_arguments`, steps (3,), and episodes (words, lanes).
 
-        The steps are the number to play to, 1, and 1 if the episodes begin, whatever their table holds.
+        The steps are the number to play to, 1, and 1 to reset the episodes first.
         """
         layout = episode_layout(self.topology, self.dtype)
         steps = jax.ShapeDtypeStruct((3,), "int32")
-        return *self.plays(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
+        return *self.plan_arguments(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return the episodes, (rows, lanes)."""
+        """Return the episodes, (words, lanes)."""
         worlds, plan, numbers, steps, episodes = arguments
         layout = episode_layout(self.topology, self.dtype)
 
-        def play(worlds: jax.Array, plan: jax.Array, episodes: jax.Array) -> jax.Array:
+        def advance(worlds: jax.Array, plan: jax.Array, episodes: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = jax.lax.cond(
                 steps[2] != 0,
                 lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
                 lambda: layout.unpack(episodes),
             )
-            return layout.pack(rollouts.run_until(self.topology, world, timing_of(numbers), plan, start, steps[0]))
+            return layout.pack(rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]))
 
         like = jax.ShapeDtypeStruct(episodes.shape, episodes.dtype)
-        return (in_one_function(play, (worlds, plan, episodes), like, steps[1]),)
+        return (in_one_function(advance, (worlds, plan, episodes), like, steps[1]),)

@@ -1,4 +1,4 @@
-"""Work on all cores: the thread that asks, and helpers from one pool for everything that plays."""
+"""Work on all cores: the calling thread, and helpers from one pool."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ def _helpers(threads: int) -> ThreadPoolExecutor:
 def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Run `work` on all items and return the results in order.
 
-    As many helpers as threads are configured take items, and so does the caller: it would wait otherwise, and a helper
-    that must be woken up comes late. So there is one thread more than may compute, and no core waits while a group of
-    worlds is made ready or collected. An error or an interrupt is raised once what is under way has ended; what has not
-    begun is dropped.
+    The configured number of helpers take items, and so does the calling thread, because a helper takes time to wake. So
+    there is one thread more than there are cores, and no core waits while a group of worlds is packed or collected. An
+    error or an interrupt is raised when the running items have ended; the others are dropped.
     """
     given = list(items)
     results: dict[int, Result] = {}
@@ -45,11 +44,11 @@ def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Resul
     try:
         take()
     finally:
-        begun = [helper for helper in helpers if not helper.cancel()]
+        started = [helper for helper in helpers if not helper.cancel()]
         try:
-            wait(begun)
+            wait(started)
         finally:
             stop.set()  # an interrupt of the wait ends the others too
-    for helper in begun:
+    for helper in started:
         helper.result()
     return [results[k] for k in range(len(given))]

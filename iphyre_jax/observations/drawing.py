@@ -1,10 +1,10 @@
-"""Pictures of a world, drawn in JAX: balls and bars as the official class shows them, at any size.
+"""Pictures of a world, drawn in JAX at any size, as the official class shows it.
 
-Colours and marks are those of the debug view of pymunk that the official class uses: red balls with a dark radius that
+Colours and marks are those of pymunk's debug view, which the official class uses: red balls with a dark radius that
 shows their angle, grey blocks that can be eliminated, black ones that cannot, blue ones that move, purple lines with
-dots for pin joints and a zigzag for springs. Edges are anti-aliased, and contact points, which that view marks with
-short lines, are not shown. Colours are red, green, blue, as on the screen; the arrays of the official class have red
-and blue exchanged.
+dots for pin joints and a zigzag for springs. Edges are anti-aliased. Contact points, which that view marks with short
+lines, are not drawn. Colours are red, green, blue, as on the screen; the arrays of the official class have red and blue
+swapped.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ SPRING_SWING: Final = 6.0  # px, height of a crest
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Drawing:
-    """What a picture shows; N objects in the order of painting, J joints, P springs, lengths in px of the scene."""
+    """The content of a picture: N objects in the order of painting, J joints, P springs, lengths in px of the scene."""
 
     ends: jax.Array  # (N, 4) x1, y1, x2, y2; the centre twice for a ball
     radius: jax.Array  # (N,)
     colour: jax.Array  # (N, 3) 0 to 255
-    there: jax.Array  # (N,) bool
+    present: jax.Array  # (N,) bool
     spokes: jax.Array  # (S, 4) a radius of each ball at its angle: x, y of centre and edge
     spoke_length: jax.Array  # (S,) the balls' radii, 0 for none
     joints: jax.Array  # (J, 4) x1, y1, x2, y2
     springs: jax.Array  # (P, 4)
-    joint_there: jax.Array  # (J,) bool
-    spring_there: jax.Array  # (P,) bool
+    joint_present: jax.Array  # (J,) bool
+    spring_present: jax.Array  # (P,) bool
 
 
 def colours(ball: jax.Array, eliminable: jax.Array, dynamic: jax.Array) -> jax.Array:
@@ -58,7 +58,7 @@ def colours(ball: jax.Array, eliminable: jax.Array, dynamic: jax.Array) -> jax.A
 
 
 def painting_order(dynamic: jax.Array) -> jax.Array:
-    """Return the order of painting, (N,) int32: that view shows static objects above those that move."""
+    """Return the order of painting, (N,) int32: the official view paints static objects over moving ones."""
     return jnp.argsort(~dynamic, stable=True).astype(jnp.int32)
 
 
@@ -67,7 +67,7 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
     """Draw one world.
 
     Args:
-        drawing: what to show.
+        drawing: its content.
         size: px, side of the picture, which shows the scene from 0 to 600 px in both directions.
 
     Returns:
@@ -81,16 +81,16 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
     picture = [jnp.full((size, size), 255.0, jnp.float32)] * 3
     for i in range(drawing.radius.shape[0]):
         inside = canvas.capsule(drawing.ends[i], drawing.radius[i] + 0.5)  # the border pixel belongs to it
-        picture = _paint(picture, inside * drawing.there[i], drawing.colour[i])
+        picture = _paint(picture, inside * drawing.present[i], drawing.colour[i])
     for i in range(drawing.spokes.shape[0]):
         wide = jnp.where(drawing.spoke_length[i] > THICK_FROM, 2 * LINE, LINE)
         line = canvas.capsule(drawing.spokes[i], wide) * (drawing.spoke_length[i] > 0)
         picture = _paint(picture, line, jnp.asarray(RADIUS_LINE, jnp.float32))
     link = jnp.asarray(LINK, jnp.float32)
-    for ends, there in zip(drawing.joints, drawing.joint_there, strict=True):
-        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, LINE), canvas.dots(ends)) * there, link)
-    for ends, there in zip(drawing.springs, drawing.spring_there, strict=True):
-        picture = _paint(picture, jnp.maximum(canvas.spring(ends), canvas.dots(ends)) * there, link)
+    for ends, present in zip(drawing.joints, drawing.joint_present, strict=True):
+        picture = _paint(picture, jnp.maximum(canvas.capsule(ends, LINE), canvas.dots(ends)) * present, link)
+    for ends, present in zip(drawing.springs, drawing.spring_present, strict=True):
+        picture = _paint(picture, jnp.maximum(canvas.spring(ends), canvas.dots(ends)) * present, link)
     return jnp.rint(jnp.stack(picture, axis=-1)).astype(jnp.uint8)
 
 
@@ -101,14 +101,14 @@ def _paint(picture: list[jax.Array], alpha: jax.Array, colour: jax.Array) -> lis
 
 @dataclass(frozen=True)
 class _Canvas:
-    """The middles of the pixels, px of the scene, and how much of each pixel a shape covers, (H, W)."""
+    """The pixel centres, px of the scene; its methods return how much of each pixel a shape covers, (H, W)."""
 
     x: jax.Array  # (1, W)
     y: jax.Array  # (H, 1)
     scale: float  # px of the scene in one of the picture
 
     def capsule(self, ends: jax.Array, radius: jax.Array | float) -> jax.Array:
-        """All within `radius` of the line between two points (4,)."""
+        """Return the cover of all points within `radius` of the line between two points (4,)."""
         dx, dy = ends[2] - ends[0], ends[3] - ends[1]
         size = dx * dx + dy * dy
         per_size = 1.0 / jnp.where(size > 0, size, 1.0)
@@ -118,13 +118,13 @@ class _Canvas:
         return self._cover(jnp.sqrt(away_x * away_x + away_y * away_y), radius)
 
     def dots(self, ends: jax.Array) -> jax.Array:
-        """The two ends of a link (4,)."""
+        """Return the cover of the two ends of a link (4,)."""
         first, last = ends[:2], ends[2:]
         around = [self.capsule(jnp.concatenate([point, point]), LINK_DOT) for point in (first, last)]
         return jnp.maximum(*around)
 
     def spring(self, ends: jax.Array) -> jax.Array:
-        """A zigzag between two points (4,), straight at its ends."""
+        """Return the cover of a zigzag between two points (4,), straight at its ends."""
         dx, dy = ends[2] - ends[0], ends[3] - ends[1]
         length = jnp.sqrt(dx * dx + dy * dy)
         unit_x, unit_y = dx / jnp.where(length > 0, length, 1.0), dy / jnp.where(length > 0, length, 1.0)
@@ -139,5 +139,5 @@ class _Canvas:
         return jnp.where((along >= 0) & (along <= 1), self._cover(apart, LINE), 0.0)
 
     def _cover(self, apart: jax.Array, radius: jax.Array | float) -> jax.Array:
-        """What lies nearer than `radius`; finer than a pixel, it fades."""
+        """Return the cover of points nearer than `radius`; shapes thinner than a pixel fade."""
         return (0.5 + (radius - apart) / self.scale).clip(0.0, 1.0) * jnp.minimum(1.0, 2.0 * radius / self.scale)

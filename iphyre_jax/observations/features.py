@@ -1,11 +1,11 @@
-"""Observations on the device: the official rows, and the same with motion and time, written as selects.
+"""Observations on a device: the official rows, and motion and time, computed with selects.
 
-The official observation is described in `iphyre_jax.observations.official`, whose host functions these agree with.
-Here one belongs to every decision of thousands of worlds, so nothing is gathered: the rows of a scene's start are a
-table from which removed blocks are blanked, and the few moving bodies are written over their rows.
+`observations.official` describes the official observation and computes the same on the host. Here thousands of worlds
+need one at every decision, so nothing is gathered: the rows of a scene's start are a table, in which removed blocks
+become zero and the few moving bodies are written over their rows.
 
-Shapes are those of one world; lanes, further worlds, may stand behind every axis, as in `physics`. What goes into the
-table is kept behind barriers, so that the table itself is one loop of selects over the lanes.
+Shapes are those of one world; lanes (further worlds) may stand behind every axis, as in `physics`. The inputs of the
+table stand behind barriers, so that the table is one loop of selects over the lanes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
 
-NOTHING = -1  # a place without an object
+NOTHING = -1  # no object
 
 
 def rows_size(objects: int) -> int:
@@ -44,13 +44,15 @@ ROWS_SIZE, MOTION_SIZE = rows_size(MAX_OBJECTS), motion_size(MAX_OBJECTS)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Features:
-    """What the observations of a scene need; n moving bodies and m moving bars in the largest scene of the mixture.
+    """The unchanging part of a scene's observations, padded to n moving bodies and m moving bars.
 
     12 objects and 6 slots, or as many as the limits of the scenes allow.
     """
 
-    rows: jax.Array | None  # (12, 9) the official table at the start, px and flags, for pictures; None without them
-    seen: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
+    object_rows: (
+        jax.Array | None
+    )  # (12, 9) the official table at the start, px and flags, for pictures; None without them
+    obs_rows: jax.Array  # (12, 9) float32, the same as it is observed: lengths / 600, all clipped to [0, 1]
     mover: jax.Array  # (n,) int32, object of each moving body, NOTHING if there are fewer
     ends: jax.Array  # (m, 2, 2) px, end points of the moving bars less their centres at angle 0; zero for balls
     slot_object: jax.Array  # (6,) int32, object of each slot of a plan, NOTHING if there are fewer
@@ -60,7 +62,7 @@ class Features:
 
 
 def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Features:
-    """Return the features of a scene, filled up to the largest of some topologies (host, NumPy)."""
+    """Return the features of a scene, padded to the largest of some topologies (host, NumPy)."""
     host = scene_features(scene)
     rows = object_rows(host, host.position, np.zeros(scene.limits.objects), host.present)
     scaled = rows.astype(np.float32)
@@ -70,32 +72,26 @@ def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Fe
     ends = np.zeros((bars, 2, 2))
     ends[: min(bars, len(movers))] = host.ends[movers[:bars]]
     features: dict[str, Any] = {
-        "rows": rows.astype(dtype),
-        "seen": scaled.clip(0.0, 1.0),
-        "mover": _padded(movers, max(topology.moving for topology in topologies)),
+        "object_rows": rows.astype(dtype),
+        "obs_rows": scaled.clip(0.0, 1.0),
+        "mover": _padded(movers.astype(np.int32), max(topology.moving for topology in topologies), NOTHING),
         "ends": ends.astype(dtype),
-        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int64), scene.limits.blocks),
-        "joints": _padded_pairs(host.joints, max(len(topology.pins) for topology in topologies)),
-        "springs": _padded_pairs(host.springs, max(len(topology.springs) for topology in topologies)),
+        "slot_object": _padded(np.array(scene.eliminable_blocks, np.int32), scene.limits.blocks, NOTHING),
+        "joints": _padded(host.joints, max(len(topology.pins) for topology in topologies), False),
+        "springs": _padded(host.springs, max(len(topology.springs) for topology in topologies), False),
         "candidates": host.candidates,
     }
     return Features(**features)
 
 
-def _padded(indices: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
-    padded = np.full(places, NOTHING, np.int32)
-    padded[: len(indices)] = indices
-    return padded
-
-
-def _padded_pairs(pairs: np.ndarray[Any, Any], places: int) -> np.ndarray[Any, Any]:
-    padded = np.zeros((places, pairs.shape[1]), bool)
-    padded[: len(pairs)] = pairs
+def _padded(rows: np.ndarray[Any, Any], size: int, fill: int | bool) -> np.ndarray[Any, Any]:
+    padded = np.full((size, *rows.shape[1:]), fill, rows.dtype)
+    padded[: len(rows)] = rows
     return padded
 
 
 def own_features(features: Features, topology: Topology) -> Features:
-    """Return the features of worlds of one topology without the rows that a larger one of the mixture has."""
+    """Return features without their padding, for worlds of one topology."""
     return replace(
         features,
         mover=features.mover[: topology.moving],
@@ -108,87 +104,84 @@ def own_features(features: Features, topology: Topology) -> Features:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Pose:
-    """Where everything of a world is; n moving bodies, filled up to those of the largest scene."""
+    """The pose of a world; n moving bodies, padded to the largest scene."""
 
     x: jax.Array  # (n,) px
     y: jax.Array
     angle: jax.Array  # (n,) rad
-    there: jax.Array  # (12,) bool, objects that are left
+    present: jax.Array  # (12,) bool, objects that are present
     sound: jax.Array  # () bool, everything is finite
 
 
-def pose_of(features: Features, present: jax.Array, episode: EpisodeState) -> Pose:
-    """Return where everything of a world is; standing: (slots,) bool, slots whose block is still there."""
+def pose_of(features: Features, present_slots: jax.Array, episode: EpisodeState) -> Pose:
+    """Return the pose of a world; present_slots: (slots,) bool, plan slots whose block is present."""
     state = episode.state
     sound = episode.result.fault != FAULT_NOT_FINITE
-    return Pose(state.position.x, state.position.y, state.angle, objects_there(features, present), sound)
+    return Pose(state.position.x, state.position.y, state.angle, present_objects(features, present_slots), sound)
 
 
-def objects_there(features: Features, present: jax.Array) -> jax.Array:
-    """Return which of the twelve objects are there, (12,) bool."""
-    index = lanes.iota(features.seen.shape[0], present[0])
-    there = features.seen[:, LENGTH_COLUMNS - 1] > 0  # the radius
-    for slot in range(present.shape[0]):
-        there = there & ((index != features.slot_object[slot][None]) | present[slot][None])
-    return there
+def present_objects(features: Features, present_slots: jax.Array) -> jax.Array:
+    """Return which of the twelve objects are present, (12,) bool; present_slots: see `pose_of`."""
+    index = lanes.iota(features.obs_rows.shape[0], present_slots[0])
+    present = features.obs_rows[:, LENGTH_COLUMNS - 1] > 0  # the radius
+    for slot in range(present_slots.shape[0]):
+        present = present & ((index != features.slot_object[slot][None]) | present_slots[slot][None])
+    return present
 
 
 def object_table(features: Features, pose: Pose) -> jax.Array:
-    """Return the official table (12, 9) of the physics' dtype, in px, of a world as it is.
-
-    A pair's number counts the pairs that are left, as the official class renumbers them.
-    """
-    start = cast(jax.Array, features.rows)
-    placed = jax.lax.optimization_barrier(_placed(features.ends, pose))
-    numbers = [_pair_number(member, pose.there).astype(start.dtype) for member in _members(features)]
-    return _table(features, start, pose.there, placed, numbers)
+    """Return the official table of a world, (12, 9) of the physics' dtype, in px; see `official.object_rows`."""
+    start = cast(jax.Array, features.object_rows)
+    placed = jax.lax.optimization_barrier(_body_ends(features.ends, pose))
+    numbers = [_pair_number(member, pose.present).astype(start.dtype) for member in _members(features)]
+    return _table(features, start, pose.present, placed, numbers)
 
 
 def official_rows(features: Features, pose: Pose) -> jax.Array:
     """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
-    flags = [(_pair_number(member, pose.there) > 0).astype(jnp.float32) for member in _members(features)]
-    there = pose.there & pose.sound[None]
-    there, placed, flags = jax.lax.optimization_barrier((there, seen_ends(features.ends, pose), flags))
-    table = _table(features, features.seen.astype(jnp.float32), there, placed, flags)
+    flags = [(_pair_number(member, pose.present) > 0).astype(jnp.float32) for member in _members(features)]
+    present = pose.present & pose.sound[None]
+    present, placed, flags = jax.lax.optimization_barrier((present, scaled_ends(features.ends, pose), flags))
+    table = _table(features, features.obs_rows.astype(jnp.float32), present, placed, flags)
     return table.reshape(-1, *table.shape[2:])
 
 
-def seen_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
-    """Return x1, y1, x2, y2 of each moving body as they are seen, (4,) float32 in [0, 1]; ends: of `Features`."""
-    # Out of the compiler's sight, or it multiplies by 1 / 600 in place of the division, which rounds otherwise.
+def scaled_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+    """Return x1, y1, x2, y2 of each moving body as observed, (4,) float32 in [0, 1]; ends: of `Features`."""
+    # Hidden from the compiler, which would multiply by 1 / 600 instead, and so round differently.
     screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
-    return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _placed(ends, pose)]
+    return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _body_ends(ends, pose)]
 
 
 def speeds(episode: EpisodeState) -> list[jax.Array]:
-    """Return vx and vy (600 px/s) and the turning (rad/s) of each moving body, (3,) float32."""
-    moves = episode.state.motion
-    x, y, turning = moves.velocity.x, moves.velocity.y, moves.angular_velocity
+    """Return vx, vy (600 px/s) and angular velocity (rad/s) of each moving body, (3,) float32."""
+    bodies = episode.state.motion
+    x, y, angular = bodies.velocity.x, bodies.velocity.y, bodies.angular_velocity
     return [
-        jnp.stack([x[body] / SCREEN, y[body] / SCREEN, turning[body]]).astype(jnp.float32) for body in range(len(x))
+        jnp.stack([x[body] / SCREEN, y[body] / SCREEN, angular[body]]).astype(jnp.float32) for body in range(len(x))
     ]
 
 
 def motion(features: Features, episode: EpisodeState, steps: jax.Array) -> jax.Array:
     """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
 
-    By object row the `speeds` of what moves; then the share of the 15 s gone by.
+    The `speeds` of the moving bodies in their objects' rows come first, then the elapsed share of the 15 s.
 
     steps: () physics steps of a whole episode.
     """
     step = episode.state.step
-    objects = features.seen.shape[0]
+    objects = features.obs_rows.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
     for mover, speed in zip(features.mover, speeds(episode), strict=True):
         table = jnp.where((index == mover[None])[:, None], speed[None], table)
-    time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler writes the division
-    seen = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
+    time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler rewrites the division
+    obs = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
     sound = episode.result.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
-    return jnp.where(sound[None], seen, jnp.zeros((), jnp.float32))
+    return jnp.where(sound[None], obs, jnp.zeros((), jnp.float32))
 
 
-def _placed(ends: jax.Array, pose: Pose) -> list[jax.Array]:
+def _body_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
     """Return x1, y1, x2, y2 of each moving body, (4,) px."""
     placed = []
     for body in range(pose.x.shape[0]):
@@ -207,29 +200,32 @@ def _members(features: Features) -> tuple[jax.Array, jax.Array]:
     return features.joints, features.springs
 
 
-def _pair_number(member: jax.Array, there: jax.Array) -> jax.Array:
-    """Return the 1-based number, among those left, of the last pair each object belongs to, (12,) int32; 0 for none."""
-    left = jnp.zeros(there.shape[1:], jnp.int32)
-    number = jnp.zeros(there.shape, jnp.int32)
+def _pair_number(member: jax.Array, present: jax.Array) -> jax.Array:
+    """Return the number of the last remaining pair of each object, from 1, (12,) int32, 0 for none; in lanes.
+
+    `official.pair_number` does the same in NumPy.
+    """
+    left = jnp.zeros(present.shape[1:], jnp.int32)
+    number = jnp.zeros(present.shape, jnp.int32)
     for pair in member:
-        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~there, axis=0)
+        remains = jnp.any(pair, axis=0) & ~jnp.any(pair & ~present, axis=0)
         left = left + remains.astype(jnp.int32)
         number = jnp.where(pair & remains[None], left[None], number)
     return number
 
 
 def _table(
-    features: Features, start: jax.Array, there: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
+    features: Features, start: jax.Array, present: jax.Array, placed: list[jax.Array], numbers: list[jax.Array]
 ) -> jax.Array:
-    """Write what has changed over the table (12, 9) of the start: places, pairs' numbers, zeros for what is gone."""
-    index = lanes.iota(start.shape[0], there[0])
-    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (there.ndim - 1))
+    """Write ends, pair numbers and zeros for removed objects over the table (12, 9) of the start."""
+    index = lanes.iota(start.shape[0], present[0])
+    column = jnp.arange(start.shape[1], dtype=jnp.int32).reshape(1, -1, *(1,) * (present.ndim - 1))
     table = start
     for body, ends in enumerate(placed):
         whole = jax.lax.optimization_barrier(jnp.pad(ends, [(0, start.shape[1] - 4)] + [(0, 0)] * (ends.ndim - 1)))
         here = (index == features.mover[body][None])[:, None] & (column < 4)
         table = jnp.where(here, whole[None], table)
-    for place, member, number in zip((7, 8), _members(features), numbers, strict=True):
+    for pair_column, member, number in zip((7, 8), _members(features), numbers, strict=True):
         if member.shape[0]:
-            table = jnp.where(column == place, number[:, None], table)
-    return jnp.where(there[:, None], table, jnp.zeros((), table.dtype))
+            table = jnp.where(column == pair_column, number[:, None], table)
+    return jnp.where(present[:, None], table, jnp.zeros((), table.dtype))

@@ -1,9 +1,9 @@
-"""The official observation: what an agent sees of a scene, at the start or at any moment.
+"""The official observation of a scene, at the start or at any moment; host, NumPy.
 
-Twelve rows, one per object in list order (blocks, then balls), of nine columns
-x1, y1, x2, y2, radius, eliminable, dynamic, joint, spring; rows of removed and missing objects are
-zero and the others do not move up. Behind them the centres of the eliminable blocks at the start,
-six pairs x, y, never updated. A scene of larger `Limits` has more rows and pairs.
+It has twelve rows, one for each object in list order (blocks, then balls), of nine columns: x1, y1, x2, y2, radius,
+eliminable, dynamic, joint, spring. Rows of removed and missing objects are zero; the others do not move up. The centres
+of the eliminable blocks at the start follow, six pairs x, y that never change. A scene with larger `Limits` has more
+rows and pairs. `observations.features` computes the same on a device.
 Source: `IPHYRE.get_all_property` and `IPHYRE_inadvance.process` of the official package 0.2.3.
 """
 
@@ -11,26 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
+from iphyre_jax.scenes import Scene
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
 BLOCK_RADIUS = 10.0  # px
-OBSERVATION_SIZE = MAX_OBJECTS * COLUMNS + MAX_ELIMINABLE * 2
 
-Array = Any  # a NumPy or a JAX array; the functions below work on either
+Floats = npt.NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFeatures:
-    """What an observation needs of a scene and no step changes, padded to its limits, officially 12 and 6."""
+    """The part of a scene's observations that never changes, padded to its limits, officially 12 and 6."""
 
     position: npt.NDArray[np.float64]  # (12, 2) px, centres at the start
     ends: npt.NDArray[np.float64]  # (12, 2, 2) px, end points minus centre at angle 0; zero for balls
@@ -42,12 +40,12 @@ class SceneFeatures:
 
 
 def scene_features(scene: Scene) -> SceneFeatures:
-    """Collect the unchanging part of a scene's observations (host, NumPy)."""
+    """Return the part of a scene's observations that never changes."""
     n_blocks, n_objects = scene.n_blocks, scene.n_objects
-    places = scene.limits.objects
-    position = np.zeros((places, 2))
-    ends = np.zeros((places, 2, 2))
-    constants = np.zeros((places, 3))
+    size = scene.limits.objects
+    position = np.zeros((size, 2))
+    ends = np.zeros((size, 2, 2))
+    constants = np.zeros((size, 3))
     position[:n_blocks] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
     position[n_blocks:n_objects] = scene.balls[:, :2]
     ends[:n_blocks] = scene.blocks - position[:n_blocks, None]
@@ -62,82 +60,72 @@ def scene_features(scene: Scene) -> SceneFeatures:
         position=position,
         ends=ends,
         constants=constants,
-        present=np.arange(places) < n_objects,
-        joints=_membership(scene.joints, places),
-        springs=_membership(scene.springs, places),
+        present=np.arange(size) < n_objects,
+        joints=_membership(scene.joints, size),
+        springs=_membership(scene.springs, size),
         candidates=candidates,
     )
 
 
-def _membership(pairs: Sequence[tuple[int, int]], places: int) -> npt.NDArray[np.bool_]:
-    """(P, 12) bool, True where an object belongs to a pair."""
-    member = np.zeros((len(pairs), places), bool)
+def _membership(pairs: Sequence[tuple[int, int]], size: int) -> npt.NDArray[np.bool_]:
+    """Return which objects belong to each pair, (P, 12) bool."""
+    member = np.zeros((len(pairs), size), bool)
     for row, pair in enumerate(pairs):
         member[row, list(pair)] = True
     return member
 
 
-def object_rows(features: SceneFeatures, position: Array, angle: Array, alive: Array, xp: ModuleType = np) -> Array:
-    """The official (12, 9) table of a world, in px and before any scaling.
+def object_rows(features: SceneFeatures, position: Floats, angle: Floats, alive: npt.NDArray[np.bool_]) -> Floats:
+    """Return the official table of a world, (12, 9), in px and before any scaling.
+
+    Columns 7 and 8 hold the number of the last joint and of the last spring that an object belongs to, or 0. Numbers
+    start at 1 and count the pairs that are left.
 
     Args:
         features: of the world's scene.
         position: (12, 2) px, centres of the objects.
         angle: (12,) rad.
         alive: (12,) bool, False once removed.
-        xp: the namespace to compute in, `numpy` or `jax.numpy`.
-
-    Columns 7 and 8 hold the 1-based number, among the pairs that are left, of the last joint and
-    the last spring that the object belongs to, or 0.
     """
-    there = alive & features.present
-    cos, sin = xp.cos(angle)[:, None], xp.sin(angle)[:, None]
-    ends = xp.asarray(features.ends, position.dtype)
+    present = alive & features.present
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    ends = np.asarray(features.ends, position.dtype)
     x = position[:, 0][:, None] + ends[:, :, 0] * cos - ends[:, :, 1] * sin
     y = position[:, 1][:, None] + ends[:, :, 0] * sin + ends[:, :, 1] * cos
     columns = [
-        xp.stack([x, y], axis=-1).reshape(-1, 4),
-        xp.asarray(features.constants, position.dtype),
-        pair_number(features.joints, there, xp).astype(position.dtype)[:, None],
-        pair_number(features.springs, there, xp).astype(position.dtype)[:, None],
+        np.stack([x, y], axis=-1).reshape(-1, 4),
+        np.asarray(features.constants, position.dtype),
+        pair_number(features.joints, present).astype(position.dtype)[:, None],
+        pair_number(features.springs, present).astype(position.dtype)[:, None],
     ]
-    rows = xp.concatenate(columns, axis=1)
-    return xp.where(there[:, None], rows, xp.zeros_like(rows))
+    rows = np.concatenate(columns, axis=1)
+    return np.where(present[:, None], rows, np.zeros_like(rows))
 
 
-def pair_number(member: npt.NDArray[np.bool_], there: Array, xp: ModuleType) -> Array:
-    """(12,) number of the last remaining pair an object belongs to; a pair ends with either of its objects."""
+def pair_number(member: npt.NDArray[np.bool_], present: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+    """Return the number of the last remaining pair of each object, (12,); a pair ends with either of its objects."""
     if not len(member):
-        return xp.zeros(there.shape, np.int32)
-    remains = ~(member & ~there[None, :]).any(axis=1)
-    number = xp.cumsum(remains.astype(np.int32))[:, None]
-    return xp.where(member & remains[:, None], number, xp.zeros_like(number)).max(axis=0)
+        return np.zeros(present.shape, np.int32)
+    remains = np.asarray(~(member & ~present[None, :]).any(axis=1))
+    number = np.cumsum(remains.astype(np.int32), dtype=np.int32)[:, None]
+    return np.asarray(np.where(member & remains[:, None], number, np.zeros_like(number)).max(axis=0))
 
 
-def observation(features: SceneFeatures, position: Array, angle: Array, alive: Array, xp: ModuleType = np) -> Array:
-    """The (120,) float32 observation of the in-advance environment.
+def observation(
+    features: SceneFeatures, position: Floats, angle: Floats, alive: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Return the observation of the in-advance environment, (120,) float32; arguments as in `object_rows`.
 
-    Arguments as in `object_rows`. Lengths are divided by 600, then everything is clipped to
-    [0, 1]: pair numbers become flags and what left the screen sits at its edge. The candidates
-    follow, as they were at the start.
+    Lengths are divided by 600 and everything is clipped to [0, 1]: pair numbers become flags, and an object that has
+    left the screen sits at its edge. The candidates at the start follow.
     """
-    rows = object_rows(features, position, angle, alive, xp).astype(np.float32)
-    scaled = xp.concatenate([rows[:, :LENGTH_COLUMNS] / np.float32(SCREEN), rows[:, LENGTH_COLUMNS:]], axis=1)
-    seen = xp.clip(scaled, np.float32(0), np.float32(1))
-    return xp.concatenate([seen.reshape(-1), xp.asarray(features.candidates).reshape(-1)])
+    rows = object_rows(features, position, angle, alive).astype(np.float32)
+    scaled = np.concatenate([rows[:, :LENGTH_COLUMNS] / np.float32(SCREEN), rows[:, LENGTH_COLUMNS:]], axis=1)
+    obs = np.clip(scaled, np.float32(0), np.float32(1))
+    return np.concatenate([obs.reshape(-1), features.candidates.reshape(-1)])
 
 
 def start_observation(scene: Scene) -> npt.NDArray[np.float32]:
-    """The (120,) float32 observation of a scene before its first step."""
+    """Return the observation of a scene before its first step, (120,) float32."""
     features = scene_features(scene)
-    seen = observation(features, features.position, np.zeros(len(features.present)), features.present)
-    return np.asarray(seen, np.float32)
-
-
-def candidate_mask(seen: Array, slots: int = MAX_ELIMINABLE) -> Array:
-    """(..., slots) bool: the slots of an observation, (..., 120) for the official six, that stand for a block.
-
-    A missing slot is the pair 0, 0; no eliminable block has its centre in the corner of the screen.
-    """
-    candidates = seen[..., -2 * slots :]
-    return candidates.reshape(*seen.shape[:-1], slots, 2).any(axis=-1)
+    return observation(features, features.position, np.zeros(len(features.present)), features.present)

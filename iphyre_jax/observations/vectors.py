@@ -1,4 +1,4 @@
-"""What an agent sees of a world, as lanes of numbers; pictures are drawn in `images`."""
+"""Observations as vectors in lanes; `images` draws pictures."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ ObservationName = Literal["official", "motion", "image"]
 
 
 def observation_size(observation: ObservationName, objects: int, candidates: int) -> int:
-    """Return how many numbers `observe` gives.
+    """Return the length of an observation from `observe`.
 
     Args:
         observation: see `observe`.
         objects: rows of the official table.
-        candidates: pairs of numbers behind it.
+        candidates: pairs of numbers that follow.
     """
     size = rows_size(objects) + 2 * candidates
     return size + motion_size(objects) if observation == "motion" else size
@@ -34,17 +34,15 @@ def observe(
     *,
     no_op: bool,
 ) -> list[jax.Array]:
-    """Return the numbers of an observation of a world, float32, in parts to be put one behind the other.
-
-    Lanes stand behind the numbers.
+    """Return an observation of a world, float32, in parts to concatenate; lanes stand behind the numbers.
 
     Args:
-        observation: "motion" adds velocities and time to what is seen otherwise, see `features`.
+        observation: "official", or "motion", which adds velocities and time; see `features`.
         features: of the scene.
-        present: (slots,) bool, slots whose block is still there.
-        episode: of the episode.
-        steps: () of a whole episode, the unit of the time in "motion".
-        no_op: whether a candidate that does nothing, (0, 0), stands before the blocks'.
+        present: (slots,) bool, slots whose block is present.
+        episode: of the world.
+        steps: () physics steps of a whole episode, the unit of the time in "motion".
+        no_op: whether a candidate that does nothing, (0, 0), stands before those of the blocks.
     """
     lanes = episode.state.step.shape
     parts = [official_rows(features, pose_of(features, present, episode))]

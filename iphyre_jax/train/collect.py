@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.envs.core import Environment, Info
-from iphyre_jax.envs.in_advance import observation_table, play
+from iphyre_jax.envs.in_advance import observation_table, play_plans
 from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.registry import environment_of
@@ -80,7 +80,7 @@ def collector(config: TrainConfig, games: Sequence[str | Scene]) -> Collector:
 
 
 class Plans:
-    """In advance: one decision an episode, played on the host by `env.play`, on all cores."""
+    """In advance: one decision an episode, played on the host by `env.play_plans`, on all cores."""
 
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._config = config
@@ -93,7 +93,7 @@ class Plans:
         which = np.repeat(np.arange(len(self._scenes)), episodes)
         decision = act(key, jnp.asarray(self._table), episodes)
         actions = np.asarray(decision.action)
-        played = play(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
+        played = play_plans(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
         seen, always = jnp.asarray(self._table[which]), jnp.ones((1, len(which)), bool)
         trajectory = Trajectory(
             observation=jnp.stack([seen, seen]),

@@ -59,14 +59,14 @@ class RecordProgram:
         return (
             jax.ShapeDtypeStruct((layout.rows, 1), layout.word),
             jax.ShapeDtypeStruct((self.columns,), "int32"),
-            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), self.dtype),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4,) int32, then the arrays of `Frames`."""
         words, plan, numbers = arguments
         world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
-        result, frames = _record_frames(self.topology, self.length, world, programs.timing_of(numbers), plan)
+        result, frames = _record_frames(self.topology, self.length, world, programs.unpack_timing(numbers), plan)
         counts = jnp.stack([result.success.astype(jnp.int32), result.steps, result.eliminations, result.fault])
         return counts, frames.pose, frames.velocity, frames.contact
 

@@ -140,7 +140,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
     program = executable(RecordProgram(topology, dtype, len(padded), length))
-    counts, *frames = program(words, padded, programs.clock(step_timing(rate, dtype)))
+    counts, *frames = program(words, padded, programs.pack_timing(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     return Recording(
         scene=scene,

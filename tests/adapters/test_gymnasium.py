@@ -45,13 +45,13 @@ def test_the_vector_environment_is_its_single_ones(strategy: str, games: str) ->
     vector = gymnasium.make_vec(f"iphyre/{strategy}-{games}", num_envs=count)
     assert vector.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.SAME_STEP
     singles = [GymnasiumEnv(f"{strategy}/{games}") for _ in range(count)]
-    seen, infos = vector.reset(seed=5)
+    obs, infos = vector.reset(seed=5)
     own = [env.reset(seed=5 + k) for k, env in enumerate(singles)]
-    np.testing.assert_array_equal(seen, [one[0] for one in own])
+    np.testing.assert_array_equal(obs, [one[0] for one in own])
     ended = 0
     for _ in range(160 if ALL else 60):
         actions = _random_actions(rng, strategy, count)
-        seen, rewards, terminated, truncated, infos = vector.step(actions)
+        obs, rewards, terminated, truncated, infos = vector.step(actions)
         for k, env in enumerate(singles):
             one = env.step(actions[k])
             np.testing.assert_allclose(rewards[k], one[1], rtol=1e-6)
@@ -63,7 +63,7 @@ def test_the_vector_environment_is_its_single_ones(strategy: str, games: str) ->
                 for name, value in one[4].items():
                     np.testing.assert_allclose(infos["final_info"][name][k], value, rtol=1e-6)
                 one = env.reset()
-            np.testing.assert_allclose(seen[k], one[0], atol=1e-6)
+            np.testing.assert_allclose(obs[k], one[0], atol=1e-6)
     assert ended >= count
 
 

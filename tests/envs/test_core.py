@@ -36,13 +36,13 @@ def batched(env: Any) -> Any:
     """Reset, and ten steps with given actions, of a batch."""
 
     def play(key: jax.Array, actions: jax.Array, params: Any) -> Any:
-        seen, state = env.reset(key, params)
+        obs, state = env.reset(key, params)
 
         def one(state: Any, action: jax.Array) -> Any:
             out = env.step(key, state, action, params)
             return out[1], (out[0], *out[2:])
 
-        return seen, *jax.lax.scan(one, state, actions)
+        return obs, *jax.lax.scan(one, state, actions)
 
     return jax.jit(jax.vmap(play, in_axes=(0, 0, None)))
 
@@ -68,16 +68,16 @@ def test_trees_shapes_and_types_do_not_depend_on_x64() -> None:
     forms = []
     for x64 in (False, True):
         with jax.enable_x64(x64):
-            seen, state = jax.eval_shape(env.reset, jax.random.key(0), params)
+            obs, state = jax.eval_shape(env.reset, jax.random.key(0), params)
             action = jax.eval_shape(env.action_space().sample, jax.random.key(0))
             out = jax.eval_shape(env.step, jax.random.key(0), state, action, params)
             info = jax.eval_shape(env.info, state, params)
         assert jax.tree.structure(info) == jax.tree.structure(out[5])
         assert jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), (out[0], out[1])) == jax.tree.map(
-            lambda leaf: (leaf.shape, leaf.dtype), (seen, state)
+            lambda leaf: (leaf.shape, leaf.dtype), (obs, state)
         )
-        forms.append(jax.tree.map(lambda leaf: (leaf.shape, str(leaf.dtype)), (seen, state, *out)))
-        assert [str(part.dtype) for part in (seen, *out[2:5])] == ["float32", "float32", "bool", "bool"]
+        forms.append(jax.tree.map(lambda leaf: (leaf.shape, str(leaf.dtype)), (obs, state, *out)))
+        assert [str(part.dtype) for part in (obs, *out[2:5])] == ["float32", "float32", "bool", "bool"]
     assert forms[0] == forms[1]
 
 
@@ -99,28 +99,28 @@ def test_observations_at_the_start_are_the_official_ones() -> None:
     assert len(games) > 20
     iphyre_jax.register("starts-v1", games)
     env, params = make("on-the-fly/starts-v1")
-    seen = jax.vmap(lambda game: env.reset_to(game, params)[0])(jnp.arange(len(games)))
-    assert seen.shape[1:] == env.observation_space().shape
-    assert env.observation_space().contains(seen[0])
-    np.testing.assert_array_equal(seen[:, 108:110], 0)  # the candidate that does nothing
+    obs = jax.vmap(lambda game: env.reset_to(game, params)[0])(jnp.arange(len(games)))
+    assert obs.shape[1:] == env.observation_space().shape
+    assert env.observation_space().contains(obs[0])
+    np.testing.assert_array_equal(obs[:, 108:110], 0)  # the candidate that does nothing
     expected = np.stack([start_observation(load_scene(game)) for game in games])
-    np.testing.assert_allclose(np.delete(seen, [108, 109], axis=1), expected, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(np.delete(obs, [108, 109], axis=1), expected, rtol=0, atol=1e-7)
 
 
 def test_motion_adds_velocities_and_time() -> None:
     official, params = environment()
     env = replace(official, observation="motion")
-    seen, state = env.reset(jax.random.key(0), params)
-    assert seen.shape == env.observation_space().shape == (122 + 37,)
-    np.testing.assert_array_equal(seen[122:], 0)
+    obs, state = env.reset(jax.random.key(0), params)
+    assert obs.shape == env.observation_space().shape == (122 + 37,)
+    np.testing.assert_array_equal(obs[122:], 0)
     for frame in range(1, 6):
         state = official.step(jax.random.key(0), state, jnp.int32([1, 2, 0, 0, 0][frame - 1]), params)[1]
-        seen = env.observe(state, params)
-        np.testing.assert_allclose(seen[-1], frame / 150, rtol=1e-6)
-    falling = seen[122:-1].reshape(12, 3)[2]
+        obs = env.observe(state, params)
+        np.testing.assert_allclose(obs[-1], frame / 150, rtol=1e-6)
+    falling = obs[122:-1].reshape(12, 3)[2]
     assert falling[0] == falling[2] == 0
     assert 10 / 600 < falling[1] <= 50 / 600  # 0.5 s at 100 px/s^2, less the time on the bar
-    np.testing.assert_array_equal(np.delete(seen[122:-1].reshape(12, 3), 2, axis=0), 0)
+    np.testing.assert_array_equal(np.delete(obs[122:-1].reshape(12, 3), 2, axis=0), 0)
 
 
 def test_nested_maps_and_a_map_over_params() -> None:
@@ -130,15 +130,15 @@ def test_nested_maps_and_a_map_over_params() -> None:
     assert_equal(jax.tree.map(lambda leaf: leaf.reshape(BATCH, *leaf.shape[2:]), nested), flat)
     tables = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[env.params([game]) for game in ("support", "hole")])
     mapped = jax.vmap(env.reset, in_axes=(None, 0))(jax.random.key(0), tables)[0]
-    for seen, game in zip(mapped, ("support", "hole"), strict=True):
-        np.testing.assert_allclose(np.delete(seen, [108, 109]), start_observation(load_scene(game)), atol=1e-7)
+    for obs, game in zip(mapped, ("support", "hole"), strict=True):
+        np.testing.assert_allclose(np.delete(obs, [108, 109]), start_observation(load_scene(game)), atol=1e-7)
 
 
 def test_a_game_alone_is_as_if_nothing_else_had_been_made() -> None:
     iphyre_jax.register("pair-v1", ["hole", "pendulum"])
     env, params = iphyre_jax.make("on-the-fly/pair-v1")
     for game in ("hole", "pendulum"):
-        one, own = env.alone(params, env.games.index(game))
+        one, own = env.single_game(params, env.games.index(game))
         made, given = iphyre_jax.make(f"on-the-fly/{game}-v1")
         assert one == made != env
         assert one.games == (game,)
@@ -178,7 +178,7 @@ def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> No
     _, state = jax.vmap(env.reset, in_axes=(0, None))(keys(0), params)
     (topology,) = env.topologies
     layout, first = episode_layout(topology, "float32"), status_words(env.limits.blocks)
-    places = layout.places().state
+    places = layout.first_rows().state
     impulses = places.cache.normal_impulse + np.arange(topology.slots)
     wrong = first + np.array([places.motion.velocity.y, *impulses])
     sick = replace(state, words=state.words.at[3, wrong].set(np.float32(bad).view(np.int32)))

@@ -10,14 +10,14 @@ import pytest
 import iphyre_jax
 from iphyre_jax import SPLITS, evaluate, make
 from iphyre_jax.adapters import FiveValues
-from iphyre_jax.envs.in_advance import play
+from iphyre_jax.envs.in_advance import play_plans
 
 
-def nothing(key: jax.Array, seen: jax.Array) -> jax.Array:
+def nothing(key: jax.Array, obs: jax.Array) -> jax.Array:
     return jnp.zeros(6)
 
 
-def random_times(key: jax.Array, seen: jax.Array) -> jax.Array:
+def random_times(key: jax.Array, obs: jax.Array) -> jax.Array:
     return jax.random.uniform(key, (6,))
 
 
@@ -26,7 +26,7 @@ def test_scores_are_those_of_the_episodes() -> None:
     scores = evaluate(random_times, ["hole", "support"], strategy="in-advance", episodes=16, key=key)
     keys = [jax.random.fold_in(one, 0) for one in jax.random.split(key, 32)]
     actions = np.stack([np.asarray(random_times(one, jnp.zeros(0))) for one in keys])
-    played = play(["hole", "support"], np.repeat([0, 1], 16), actions)
+    played = play_plans(["hole", "support"], np.repeat([0, 1], 16), actions)
     assert scores.games == ("hole", "support")
     for name, value in (("reward", played.reward), ("seconds", played.steps / 10)):
         np.testing.assert_allclose(getattr(scores, name), value.reshape(2, 16), atol=1e-4)
@@ -62,11 +62,11 @@ def test_five_values_under_scan() -> None:
     _, state = env.reset(jax.random.key(0))
 
     def one(state: iphyre_jax.EnvState, action: jax.Array) -> tuple[iphyre_jax.EnvState, tuple[jax.Array, ...]]:
-        seen, state, reward, done, info = env.step(jax.random.key(0), state, action)
-        return state, (seen, reward, done, info["terminated"], info["truncated"])
+        obs, state, reward, done, info = env.step(jax.random.key(0), state, action)
+        return state, (obs, reward, done, info["terminated"], info["truncated"])
 
-    seen, reward, done, terminated, truncated = jax.lax.scan(one, state, jnp.array([1, 2] + [0] * 60))[1]
-    assert seen.shape == (62, *env.observation_space().shape)
+    obs, reward, done, terminated, truncated = jax.lax.scan(one, state, jnp.array([1, 2] + [0] * 60))[1]
+    assert obs.shape == (62, *env.observation_space().shape)
     np.testing.assert_array_equal(done, terminated | truncated)
     assert done.sum() >= 1
     assert reward.max() > 900

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from iphyre_jax import GAMES, SPLITS, load_scene
-from iphyre_jax.envs.in_advance import action_to_times, load_scenes, observation_table, play
-from iphyre_jax.observations.official import candidate_mask, object_rows, observation, scene_features, start_observation
+from iphyre_jax.envs.in_advance import action_to_times, load_scenes, observation_table, play_plans
+from iphyre_jax.observations.features import Pose, official_rows, scene_tables
+from iphyre_jax.observations.official import object_rows, observation, scene_features, start_observation
 from iphyre_jax.rules import episode_reward
+from iphyre_jax.scenes.compile import compile_scene
+from iphyre_jax.train.observations import slot_mask
 
 STILL = np.zeros(12)
 
@@ -26,9 +30,9 @@ def test_start_of_support_by_hand() -> None:
     expected = np.zeros(120)
     expected[:27] = np.ravel(rows)
     expected[108:112] = np.array([250, 400, 250, 500]) / 600
-    seen = start_observation(load_scene("support"))
-    assert seen.dtype == np.float32
-    np.testing.assert_array_equal(seen, expected.astype(np.float32))
+    obs = start_observation(load_scene("support"))
+    assert obs.dtype == np.float32
+    np.testing.assert_array_equal(obs, expected.astype(np.float32))
 
 
 def test_joint_and_spring_columns() -> None:
@@ -56,14 +60,14 @@ def test_second_pair_is_numbered_two_and_moves_up_when_the_first_goes() -> None:
 def test_removed_object_leaves_a_row_of_zeros_and_its_candidate() -> None:
     features = scene_features(load_scene("pendulum"))
     alive = features.present & (np.arange(12) != 5)
-    seen = observation(features, features.position, STILL, alive)
+    obs = observation(features, features.position, STILL, alive)
     start = start_observation(load_scene("pendulum"))
-    rows, start_rows = seen[:108].reshape(12, 9), start[:108].reshape(12, 9)
+    rows, start_rows = obs[:108].reshape(12, 9), start[:108].reshape(12, 9)
     np.testing.assert_array_equal(rows[5], np.zeros(9))
     np.testing.assert_array_equal(rows[:5], start_rows[:5])
     assert start_rows[6, 7] == 1  # the ball hung on the removed block's joint
     assert rows[6, 7] == 0
-    np.testing.assert_array_equal(seen[108:], start[108:])
+    np.testing.assert_array_equal(obs[108:], start[108:])
 
 
 def test_a_turned_bar_and_clipping() -> None:
@@ -83,14 +87,21 @@ def test_a_turned_bar_and_clipping() -> None:
     np.testing.assert_array_equal(ball[:4], [0, 1, 0, 1])
 
 
-def test_jax_and_numpy_observe_alike() -> None:
-    features = scene_features(load_scene("multi_ball_spring"))
-    angle = np.linspace(-1, 1, 12).astype(np.float32)
-    position = features.position.astype(np.float32)
-    there = jnp.asarray(position), jnp.asarray(angle), jnp.asarray(features.present)
-    ours = observation(features, *there, jnp)
-    assert ours.dtype == jnp.float32
-    np.testing.assert_allclose(ours, observation(features, position, angle, features.present), atol=1e-6)
+def test_device_and_host_observe_alike() -> None:
+    """Rows in JAX and in NumPy, of a whole scene and with each block gone."""
+    scene = load_scene("multi_ball_spring")
+    host, topology = scene_features(scene), compile_scene(scene)[0]
+    angle, position = np.linspace(-1, 1, 12), host.position.copy()
+    movers = np.flatnonzero(scene.dynamic)
+    angle[~np.isin(np.arange(12), movers)] = 0.0
+    position[movers] += 20.0
+    features = jax.tree.map(jnp.asarray, scene_tables(scene, [topology], "float32"))
+    for gone in (None, *scene.eliminable_blocks):
+        present = host.present & (np.arange(12) != gone)
+        x, y = jnp.asarray(position[movers].T, jnp.float32)
+        pose = Pose(x, y, jnp.asarray(angle[movers], jnp.float32), jnp.asarray(present), jnp.ones((), bool))
+        expected = observation(host, position, angle, present)[:108]
+        np.testing.assert_allclose(official_rows(features, pose), expected, atol=1e-6)
 
 
 def test_table_of_all_games_is_in_the_box_and_masks_slots() -> None:
@@ -100,8 +111,8 @@ def test_table_of_all_games_is_in_the_box_and_masks_slots() -> None:
     assert table.min() >= 0
     assert table.max() <= 1
     blocks = [len(load_scene(game).eliminable_blocks) for game in GAMES]
-    np.testing.assert_array_equal(candidate_mask(table).sum(axis=1), blocks)
-    np.testing.assert_array_equal(candidate_mask(table), np.arange(6) < np.array(blocks)[:, None])
+    np.testing.assert_array_equal(np.asarray(slot_mask(table)).sum(axis=1), blocks)
+    np.testing.assert_array_equal(slot_mask(table), np.arange(6) < np.array(blocks)[:, None])
 
 
 def test_reward_by_hand() -> None:
@@ -123,7 +134,7 @@ def test_an_episode_of_support() -> None:
     actions = np.zeros((3, 6), np.float32)
     actions[0, :2] = [0.1 / 15, 0.2 / 15]
     actions[1, :2] = [1.0 / 15, 0.2 / 15]
-    played = play(["support"], [0, 0, 0], actions)
+    played = play_plans(["support"], [0, 0, 0], actions)
     np.testing.assert_array_equal(played.success, [True, True, False])
     np.testing.assert_array_equal(played.terminated, played.success)
     np.testing.assert_array_equal(played.truncated, [False, False, True])
@@ -140,7 +151,7 @@ def test_slots_beyond_the_blocks_do_nothing() -> None:
     actions = np.full((2, 6), 0.5, np.float32)
     actions[:, :2] = [0.1 / 15, 0.2 / 15]
     actions[1, 2:] = 0
-    played = play(["support"], [0, 0], actions)
+    played = play_plans(["support"], [0, 0], actions)
     np.testing.assert_array_equal(played.eliminate_at[0], played.eliminate_at[1])
     assert played.reward[0] == played.reward[1]
 
@@ -151,9 +162,9 @@ def test_a_mixture_comes_back_in_order() -> None:
     which = np.array([1, 0, 0, 1, 1, 0])
     actions = generator.uniform(0, 1, (6, 6)).astype(np.float32)
     actions[[2, 4]] = actions[[1, 0]]  # equal plans of both games
-    mixed = play(games, which, actions)
+    mixed = play_plans(games, which, actions)
     for index in (0, 1):
-        alone = play(games[index : index + 1], np.zeros(3, int), actions[which == index])
+        alone = play_plans(games[index : index + 1], np.zeros(3, int), actions[which == index])
         np.testing.assert_array_equal(mixed.success[which == index], alone.success)
         np.testing.assert_array_equal(mixed.steps[which == index], alone.steps)
 
@@ -186,7 +197,7 @@ BAD: dict[str, tuple[tuple[Any, Any, Any], dict[str, Any], str]] = {
 def test_bad_arguments_get_one_line(case: str) -> None:
     arguments, options, message = BAD[case]
     with pytest.raises(ValueError, match=message) as caught:
-        play(*arguments, **options)
+        play_plans(*arguments, **options)
     assert "\n" not in str(caught.value)
 
 

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iphyre_jax import load_scene, make
+from iphyre_jax import load_scene, make, plan_to_steps
 from iphyre_jax.envs.protocols import PROTOCOLS
-from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, instants
+from iphyre_jax.envs.strategies import Combined, InAdvance, OnTheFly, removal_frames
 from iphyre_jax.observations.official import object_rows, scene_features
 from parity.engines.reference import ReferenceWorld
 from parity.official.drivers import DRIVERS, combined, random_actions
@@ -86,8 +86,8 @@ def test_strategies_play_as_their_drivers_do(strategy: str, game: str) -> None:
             np.testing.assert_array_equal(played[name][k, :steps], official)
         official = [step.reward for step in episode.transitions]
         np.testing.assert_allclose(played["rewards"][k, :steps], official, rtol=1e-6, atol=1e-4)
-        seen = [episode.start, *(step.observation for step in episode.transitions)]
-        np.testing.assert_allclose(played["observations"][k, : steps + 1], seen, rtol=0, atol=1e-6)
+        obs = [episode.start, *(step.observation for step in episode.transitions)]
+        np.testing.assert_allclose(played["observations"][k, : steps + 1], obs, rtol=0, atol=1e-6)
         np.testing.assert_array_equal(played["rewards"][k, steps:], 0)  # what has ended stays so
 
 
@@ -102,48 +102,55 @@ def test_instants_round_as_numpy_does() -> None:
     near_half = (np.arange(300) + 0.5) / 300 + rng.uniform(-1e-7, 1e-7, 300)
     actions = np.concatenate([rng.uniform(0, 1, 20_000), near_half, np.arange(151) / 150]).astype(np.float32)
     expected = np.rint(np.round(actions * np.float32(15), 1) * 10)
-    np.testing.assert_array_equal(jax.jit(instants)(actions), expected)
+    np.testing.assert_array_equal(jax.jit(removal_frames)(actions), expected)
     with jax.enable_x64(True):
         precise = actions.astype(np.float64)
-        np.testing.assert_array_equal(jax.jit(instants)(precise), np.rint(np.round(precise * 15, 1) * 10))
+        np.testing.assert_array_equal(jax.jit(removal_frames)(precise), np.rint(np.round(precise * 15, 1) * 10))
 
 
 def test_what_is_no_share_is_no_instant() -> None:
     odd = np.array([np.nan, np.inf, -np.inf, -0.2, 1.2, 1e30], np.float32)
-    np.testing.assert_array_equal(instants(odd), -1)
+    np.testing.assert_array_equal(removal_frames(odd), -1)
 
 
 def test_in_advance_ties_and_ends_by_hand() -> None:
     action = np.array([3.0, 3.0, 0.0, 15.0, 14.9, 0.04], np.float32) / np.float32(15)
-    order = InAdvance().order(action, jnp.int32(0), FREE, ALL, OFFICIAL)
-    np.testing.assert_array_equal(order.plan, [30, -1, -1, -1, 149, -1])
-    assert order.stop_step == 150
-    smooth = InAdvance().order(action, jnp.int32(0), FREE, ALL, PROTOCOLS["smooth"])
+    planned = InAdvance().plan_action(action, jnp.int32(0), FREE, ALL, OFFICIAL)
+    np.testing.assert_array_equal(planned.plan, [30, -1, -1, -1, 149, -1])
+    assert planned.stop_step == 150
+    smooth = InAdvance().plan_action(action, jnp.int32(0), FREE, ALL, PROTOCOLS["smooth"])
     np.testing.assert_array_equal(smooth.plan, [180, -1, -1, -1, 894, -1])
+
+
+def test_in_advance_is_the_rule_for_plans_in_seconds() -> None:
+    actions = np.random.default_rng(0).uniform(-0.01, 1.01, (500, 6)).clip(0, 1).astype(np.float32)
+    actions[:, 3] = actions[:, 1]
+    ours = jax.vmap(lambda action: InAdvance().plan_action(action, jnp.int32(0), FREE, ALL, OFFICIAL).plan)(actions)
+    np.testing.assert_array_equal(ours, plan_to_steps(actions * np.float32(15), OFFICIAL.fps, "in_advance"))
 
 
 def test_on_the_fly_by_hand() -> None:
     for action, plan in ((0, [-1] * 6), (2, [-1, 7, -1, -1, -1, -1]), (7, [-1] * 6), (-1, [-1] * 6)):
-        order = OnTheFly().order(jnp.int32(action), jnp.int32(7), FREE, ALL, OFFICIAL)
-        np.testing.assert_array_equal(order.plan, plan)
-        assert order.stop_step == 8
+        planned = OnTheFly().plan_action(jnp.int32(action), jnp.int32(7), FREE, ALL, OFFICIAL)
+        np.testing.assert_array_equal(planned.plan, plan)
+        assert planned.stop_step == 8
 
 
 def test_combined_by_hand() -> None:
     times = np.array([3.0, 5.0, 3.0, 9.0, 0.0, 0.0], np.float32) / np.float32(15)
 
-    def order(step: int, used: Any, present: Any) -> Any:
-        return Combined().order(times, jnp.int32(step), jnp.asarray(used), jnp.asarray(present), OFFICIAL)
+    def planned(step: int, executed: Any, present: Any) -> Any:
+        return Combined().plan_action(times, jnp.int32(step), jnp.asarray(executed), jnp.asarray(present), OFFICIAL)
 
-    first = order(0, [False] * 6, [True] * 6)
+    first = planned(0, [False] * 6, [True] * 6)
     np.testing.assert_array_equal(first.plan, [30, -1, -1, -1, -1, -1])  # slot 2 lost the tie
     assert first.stop_step == 31
-    np.testing.assert_array_equal(first.used, [True] + [False] * 5)
-    # Slot 0 is used and takes the tie with it; the next is slot 1.
-    second = order(20, first.used, [False] + [True] * 5)
+    np.testing.assert_array_equal(first.executed, [True] + [False] * 5)
+    # Slot 0 is executed and takes the tie with it; the next is slot 1.
+    second = planned(20, first.executed, [False] + [True] * 5)
     np.testing.assert_array_equal(second.plan, [-1, 50, -1, -1, -1, -1])
     # A slot without a block is passed over, and with nothing due the rest is played.
-    third = order(51, [True, True] + [False] * 4, [False, False, True, False, False, False])
+    third = planned(51, [True, True] + [False] * 4, [False, False, True, False, False, False])
     np.testing.assert_array_equal(third.plan, [-1] * 6)
     assert third.stop_step == 150
 
@@ -152,8 +159,8 @@ def test_the_late_frame_is_an_option() -> None:
     late: list[int] = []
     for start in range(150):
         action = np.zeros(6, np.float32)
-        fixed = Combined().order(action, jnp.int32(start), FREE, ALL, OFFICIAL)
-        official = Combined(late_frame=True).order(action, jnp.int32(start), FREE, ALL, OFFICIAL)
+        fixed = Combined().plan_action(action, jnp.int32(start), FREE, ALL, OFFICIAL)
+        official = Combined(late_frame=True).plan_action(action, jnp.int32(start), FREE, ALL, OFFICIAL)
         assert fixed.stop_step == 150
         assert official.stop_step in (150, 151)
         late += [start] if official.stop_step == 151 else []
@@ -161,9 +168,9 @@ def test_the_late_frame_is_an_option() -> None:
     assert late[:4] == [87, 92, 97, 102]
     assert late[-1] == 147
     last = np.full(6, 1.0, np.float32)  # 15.0 s, an instant of the late frame alone
-    order = Combined(late_frame=True).order(last, jnp.int32(87), FREE, ALL, OFFICIAL)
-    np.testing.assert_array_equal(order.plan, [150, -1, -1, -1, -1, -1])
-    assert order.stop_step == 151
+    planned = Combined(late_frame=True).plan_action(last, jnp.int32(87), FREE, ALL, OFFICIAL)
+    np.testing.assert_array_equal(planned.plan, [150, -1, -1, -1, -1, -1])
+    assert planned.stop_step == 151
 
 
 def test_the_late_frame_costs_a_tenth() -> None:

@@ -34,7 +34,7 @@ def test_worlds_cross_the_border_whole(game: str, dtype: str) -> None:
     with jax.enable_x64(dtype == "float64"):
         assert_same(layout.unpack(jax.numpy.asarray(table)), stacked)
         np.testing.assert_array_equal(layout.pack(stacked), table)
-    numbers = layout.places().start.x
+    numbers = layout.first_rows().start.x
     np.testing.assert_array_equal(table[numbers : numbers + topology.moving, 0].view(dtype), world.start.x)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, simulate_many
-from iphyre_jax.envs.in_advance import play
+from iphyre_jax.envs.in_advance import play_plans
 from iphyre_jax.train.collect import Decision, Plans, Worlds, collector
 from iphyre_jax.train.scenes import training_scenes, variations
 from iphyre_jax.train.settings.presets import preset
@@ -36,7 +36,7 @@ def plans() -> np.ndarray:
 def planned(plans: np.ndarray) -> np.ndarray:
     """Rewards of the plans on the host."""
     which = np.repeat(np.arange(len(GAMES)), EPISODES)
-    return play(GAMES, which, (plans / 150).astype(np.float32)).reward
+    return play_plans(GAMES, which, (plans / 150).astype(np.float32)).reward
 
 
 def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> None:

@@ -1,1 +1,1 @@
-"""Many worlds of any mixture of games in one step: by the host, or inside the user's program."""
+"""One decision of many worlds of any games: on the host, or inside the user's program."""

@@ -1,4 +1,4 @@
-"""What a program calls on the host: buffers in and out, with whatever axes `jax.vmap` has put in front."""
+"""The host callbacks of a program: buffers in and out, with the axes that `jax.vmap` has put in front."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from iphyre_jax.envs.batching.host_step import HostStep
 from iphyre_jax.execution.layout import Words
 
 
-def begin_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Fill in the beginnings of episodes; arguments are buffers, each with the batch's axes or ones in front."""
-    words, seen = _flat(out)
+def reset_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
+    """Reset episodes; arguments and results are buffers, each with the batch's axes, or axes of length 1, in front."""
+    words, obs = _flat(out)
     batch = np.asarray(out[0]).shape[:-1]
-    scenes, kind, first = _tables(given, batch)
+    scenes, topology_id, first = _tables(given, batch)
     game: Words = np.broadcast_to(np.asarray(given[2]), batch).reshape(-1)
-    words[:], seen[:] = host.begin(scenes, kind, game + first)
+    words[:], obs[:] = host.reset(scenes, topology_id, game + first)
     words[:, 0] = game
 
 
-def play_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Fill in what comes of one decision of each episode; arguments as of `begin_episodes`."""
-    words, seen, status, *last = _flat(out)
+def step_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
+    """Play one decision of each episode; buffers as in `reset_episodes`."""
+    words, obs, status, *final = _flat(out)
     batch = np.asarray(out[0]).shape[:-1]
-    scenes, kind, first = _tables(given, batch)
-    episodes, orders = (_rows(part, batch) for part in given[2:4])
+    scenes, topology_id, first = _tables(given, batch)
+    episodes, requests = (_as_rows(part, batch) for part in given[2:4])
     next_game = np.broadcast_to(np.asarray(given[4]), batch).reshape(-1)
     if np.ndim(first):  # each world has games of its own
         episodes = episodes.copy()
         episodes[:, 0] += first
         next_game = np.where(next_game < 0, next_game, next_game + first)
-    host.play(scenes, kind, episodes, orders, next_game, (words, seen, status), (last[0], last[1]) if last else None)
+    last = (final[0], final[1]) if final else None
+    host.step(scenes, topology_id, episodes, requests, next_game, (words, obs, status), last)
     if np.ndim(first):
-        for rows in (words, status, *last[:1]):
+        for rows in (words, status, *final[:1]):
             rows[:, 0] -= first
 
 
@@ -45,17 +46,17 @@ def _flat(buffers: Sequence[object]) -> list[npt.NDArray[Any]]:
     return [array.reshape(-1, array.shape[-1]) for array in map(np.asarray, buffers)]
 
 
-def _rows(buffer: object, batch: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Return a buffer of rows as an array with one axis for the batch."""
+def _as_rows(buffer: object, batch: tuple[int, ...]) -> npt.NDArray[Any]:
+    """Return a buffer of rows as an array with one axis for the batch, broadcast to it."""
     array = np.asarray(buffer)
     return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
 
 
 def _tables(given: Sequence[object], batch: tuple[int, ...]) -> tuple[Words, Words, int | npt.NDArray[np.intp]]:
-    """Return scenes and kinds as one table, and the row at which the games of each world begin."""
-    scenes, kind = np.asarray(given[0]), np.asarray(given[1])
-    games, axes = kind.shape[-1], kind.shape[:-1]
-    tables = scenes.reshape(-1, scenes.shape[-1]), kind.reshape(-1)
+    """Return scenes and topologies as one table, and the row of the first game of each world."""
+    scenes, topology_id = np.asarray(given[0]), np.asarray(given[1])
+    games, axes = topology_id.shape[-1], topology_id.shape[:-1]
+    tables = scenes.reshape(-1, scenes.shape[-1]), topology_id.reshape(-1)
     if prod(axes) <= 1:
         return *tables, 0
     first = games * np.arange(prod(axes)).reshape(axes)

@@ -1,4 +1,4 @@
-"""Episodes of many worlds, played by the host in NumPy and executables: one decision of all of them at a time."""
+"""One decision of many worlds on the host, in NumPy and executables."""
 
 from __future__ import annotations
 
@@ -6,68 +6,42 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Final, TypeVar
 
 import jax
 import numpy as np
-import numpy.typing as npt
 
-from iphyre_jax.envs.batching.host_views import HostViews
+from iphyre_jax.envs.batching.game_table import Floats, GameTable, Group, Ints
+from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
-from iphyre_jax.envs.batching.step_program import BEGIN, EnvStep, scene_layout
+from iphyre_jax.envs.batching.step_program import RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
-from iphyre_jax.execution.compilation.client import OnClient, aligned, aligned_copy
+from iphyre_jax.execution.compilation.client import ClientArray, aligned, aligned_copy
 from iphyre_jax.execution.compilation.executables import executable, prepare
-from iphyre_jax.execution.layout import Layout, filled, pieces
-from iphyre_jax.execution.programs import clock
+from iphyre_jax.execution.layout import Layout, fill_lanes, pieces
+from iphyre_jax.execution.programs import pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.observations.features import Features
 from iphyre_jax.scenes.compile import step_timing
 
-ID_WORDS: Final = 2  # in front of a scene's words: tells its content from any other
-SHORT: Final = 1e-3  # s, of a task; shorter ones gain nothing from a second thread, which must be woken
-TABLES_KEPT: Final = 16  # sets of scenes
-LAID_OUT_KEPT: Final = 64  # scenes of tasks, some hundred kilobytes each
+ID_WORDS: Final = 2  # words in front of a packed scene that identify its content
+SHORT: Final = 1e-3  # s; a group that takes less gains nothing from a second thread, which must be woken
+TABLES_CACHED: Final = 16  # sets of scenes
+LANES_CACHED: Final = 64  # scenes of groups, some hundred kilobytes each
 
-Ints = npt.NDArray[np.signedinteger[Any]]
-Rows = npt.NDArray[np.intp] | slice
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """Worlds of one topology that one call plays."""
-
-    number: int  # among the tasks of its kind
-    kind: int
-    rows: Rows
-    games: Ints  # of the worlds, sorted
-
-
-class _Table:
-    """A set of scenes: sorted, cut to their own words, what is seen of them, and as they begin."""
-
-    def __init__(self, key: bytes, scenes: Ints, kind: Ints, programs: Sequence[EnvStep], views: HostViews) -> None:
-        self.key, self.kind, self.views = key, kind, views
-        self.kinds = np.unique(kind).tolist()
-        rank = np.empty(len(kind), np.uint16 if len(kind) < 2**16 else np.int64)
-        rank[np.argsort(kind, kind="stable")] = np.arange(len(kind))
-        self.rank = rank  # place of each game among all, sorted by topology
-        layouts = [scene_layout(program.topology, program.dtype) for program in programs]
-        self.scenes = [np.ascontiguousarray(scenes[:, : layout.rows]) for layout in layouts]
-        self.words: Ints = np.zeros(0, scenes.dtype)  # (games, words) of each game before its first step
-        self.seen: npt.NDArray[Any] = np.zeros(0)  # what is seen of it
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 class HostStep:
     """Plays batches of worlds of some topologies, on all threads that `configure` allows.
 
     Args:
-        programs: one for each topology, the same but for that.
-        protocol: timing of the episodes.
+        programs: one for each topology, alike otherwise.
+        protocol: of the episodes.
         features: layout of `Features` in the words of a scene.
-        view: makes the `HostViews` of a table from its features.
+        make_observations: returns the `HostObservations` of games with given features.
     """
 
     def __init__(
@@ -75,184 +49,163 @@ class HostStep:
         programs: Sequence[EnvStep],
         protocol: EpisodeProtocol,
         features: Layout,
-        view: Callable[[Features], HostViews],
+        make_observations: Callable[[Features], HostObservations],
     ) -> None:
         self.programs = tuple(programs)
         self.slots = programs[0].slots
-        self.status = status_words(self.slots)
-        self.row = max(program.row for program in programs)
-        self._shown = max(program.shown for program in programs)
-        self._features, self._view = features, view
+        self.status_words = status_words(self.slots)
+        self.episode_words = max(program.episode_words for program in programs)
+        self._body_obs_size = max(program.body_obs_size for program in programs)
+        self._features, self._make_observations = features, make_observations
         self._steps = protocol.steps
-        self._once = OnClient(np.ones(1, np.int32))
-        self._clock = OnClient(clock(step_timing(protocol.fps, programs[0].dtype)))
-        self._tables: OrderedDict[bytes, _Table] = OrderedDict()
-        self._laid_out: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, OnClient]] = OrderedDict()
-        self._task_seconds = 0.0  # processor time of a task, the mean of the last decision's
+        self._once = ClientArray(np.ones(1, np.int32))
+        self._timing = ClientArray(pack_timing(step_timing(protocol.fps, programs[0].dtype)))
+        self._tables: OrderedDict[bytes, GameTable] = OrderedDict()
+        self._lanes: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, ClientArray]] = OrderedDict()
+        self._group_seconds = 0.0  # processor time of a group, mean over the last decision
         self._lock = threading.Lock()
         self._local = threading.local()
 
     def prepare(self) -> None:
-        """Compile and load what is needed."""
+        """Compile and load the programs."""
         prepare(self.programs)
 
-    def begin(self, scenes: Ints, kind: Ints, game: Ints) -> tuple[Ints, npt.NDArray[Any]]:
-        """Return episodes of games before their first step, (B, words), and what is seen of them."""
-        table = self._table(scenes, kind)
-        words = table.words[game]
+    def reset(self, scenes: Ints, topology_id: Ints, game: Ints) -> tuple[Ints, Floats]:
+        """Return episodes of games before their first step, (B, words), and their observations."""
+        table = self._table(scenes, topology_id)
+        words = table.start_words[game]
         words[:, 0] = game
-        return words, table.seen[game]
+        return words, table.start_obs[game]
 
-    def play(
+    def step(
         self,
         scenes: Ints,
-        kind: Ints,
+        topology_id: Ints,
         episodes: Ints,
-        orders: Ints,
+        requests: Ints,
         next_game: Ints,
-        out: tuple[Ints, npt.NDArray[Any], Ints],
-        final: tuple[Ints, npt.NDArray[Any]] | None,
+        out: tuple[Ints, Floats, Ints],
+        final: tuple[Ints, Floats] | None,
     ) -> None:
-        """Play episodes on, and begin the next ones of those that end.
+        """Play one decision of each episode; an episode that ends is followed by the next.
 
         Args:
-            scenes: (games, words) as of `host_worlds`.
-            kind: (games,) topology of each.
+            scenes: (games, words), see `HostParams`.
+            topology_id: (games,).
             episodes: (B, words).
-            orders: (B, 2 slots + 1) as of `EnvStep`, of the words' dtype.
-            next_game: (B,) game that follows an episode; -1 for none.
-            out: is filled with episodes (B, words), what is seen of them, and the packed status of those played.
-            final: is filled with the episodes played as they are then, and what is seen of them.
+            requests: (B, 2 slots + 1), see `EnvStep`, of the words' dtype.
+            next_game: (B,) game of the episode that follows; -1 for none.
+            out: receives the episodes (B, words), their observations, and the packed status before any reset.
+            final: receives the episodes and observations before any reset, if given.
         """
-        table, (words, seen, status) = self._table(scenes, kind), out
-        tasks = self._tasks(table, episodes[:, 0])
-        shown = np.zeros((len(words), self._shown), np.float32)
-        self._run_tasks(partial(self._run, table, episodes, orders, (words, shown)), tasks)
-        status[:] = words[:, : self.status]
-        table.views.write(seen, status, shown, self._steps)
+        table, (words, obs, status) = self._table(scenes, topology_id), out
+        groups = table.groups(episodes[:, 0])
+        body_obs = np.zeros((len(words), self._body_obs_size), np.float32)
+        self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), groups)
+        status[:] = words[:, : self.status_words]
+        table.observations.write(obs, status, body_obs, self._steps)
         if final is not None:
-            final[0][:], final[1][:] = words, seen
+            final[0][:], final[1][:] = words, obs
         done = (status[:, SUCCESS] != 0) | (status[:, FAULT] != 0) | (status[:, STEP] >= self._steps)
         ended = np.flatnonzero(done & (next_game >= 0))
         if ended.size:
             games = next_game[ended]
-            words[ended], seen[ended] = table.words[games], table.seen[games]
+            words[ended], obs[ended] = table.start_words[games], table.start_obs[games]
             words[ended, 0] = games
 
-    def _run_tasks(self, work: Callable[[_Task], None], tasks: Sequence[_Task]) -> None:
-        """Run tasks: long ones on all threads, short ones here, for waking a thread takes longer than they do."""
+    def _run_all(self, work: Callable[[Group], None], groups: Sequence[Group]) -> None:
+        """Run groups: long ones on all threads, short ones here, because waking a thread takes longer."""
 
-        def timed(task: _Task) -> float:
-            began = time.thread_time()
-            work(task)
-            return time.thread_time() - began
+        def timed(group: Group) -> float:
+            start = time.thread_time()
+            work(group)
+            return time.thread_time() - start
 
-        are_short = self._task_seconds < SHORT or len(tasks) == 1
-        seconds = [timed(task) for task in tasks] if are_short else run_all(timed, tasks)
-        self._task_seconds = sum(seconds) / len(seconds)
+        are_short = self._group_seconds < SHORT or len(groups) == 1
+        seconds = [timed(group) for group in groups] if are_short else run_all(timed, groups)
+        self._group_seconds = sum(seconds) / len(seconds)
 
-    def _table(self, scenes: Ints, kind: Ints) -> _Table:
-        key = scenes[:, :ID_WORDS].tobytes() + kind.tobytes()
+    def _table(self, scenes: Ints, topology_id: Ints) -> GameTable:
+        key = scenes[:, :ID_WORDS].tobytes() + topology_id.tobytes()
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
-        scenes, kind = np.array(scenes), np.array(kind)  # what is kept must not lie in the caller's buffers
+        scenes, topology_id = np.array(scenes), np.array(topology_id)  # copies: the buffers belong to the caller
         features = self._features.unpack_numpy(scenes[:, ID_WORDS : ID_WORDS + self._features.rows].T)
         features = jax.tree.map(lambda leaf: np.moveaxis(leaf, -1, 0), features)
         own = scenes[:, ID_WORDS + self._features.rows :]
-        table = _Table(key, own, kind, self.programs, self._view(features))
+        table = GameTable(key, own, topology_id, self.programs, self._make_observations(features))
         self._set_starts(table)
-        with self._lock:
-            self._tables[key] = table
-            while len(self._tables) > TABLES_KEPT:
-                self._tables.popitem(last=False)
+        self._cache(self._tables, key, table, TABLES_CACHED)
         return table
 
-    def _set_starts(self, table: _Table) -> None:
-        """Find out how each game begins."""
-        games = np.arange(len(table.kind))
-        orders = np.full((len(games), 2 * self.slots + 1), -1, table.scenes[0].dtype)
-        orders[:, self.slots], orders[:, self.slots + 1 :] = BEGIN, 0
-        episodes = np.zeros((len(games), self.row), table.scenes[0].dtype)
+    def _cache(self, cache: OrderedDict[Key, Value], key: Key, value: Value, most: int) -> None:
+        with self._lock:
+            cache[key] = value
+            while len(cache) > most:
+                cache.popitem(last=False)
+
+    def _set_starts(self, table: GameTable) -> None:
+        """Compute each game's episode and observation before its first step."""
+        games = np.arange(len(table.topology_id))
+        requests = np.full((len(games), 2 * self.slots + 1), -1, table.scenes[0].dtype)
+        requests[:, self.slots], requests[:, self.slots + 1 :] = RESET, 0
+        episodes = np.zeros((len(games), self.episode_words), table.scenes[0].dtype)
         episodes[:, 0] = games
-        shown = np.zeros((len(games), self._shown), np.float32)
-        words, seen = np.zeros_like(episodes), np.zeros((len(games), table.views.size), np.float32)
-        for task in self._tasks(table, games):
-            self._run(table, episodes, orders, (words, shown), task)
-        table.views.write(seen, words[:, : self.status], shown, self._steps)
-        table.words, table.seen = words, seen
-
-    def _tasks(self, table: _Table, game: Ints) -> list[_Task]:
-        """Sort worlds by topology and game, and cut them into tasks; those of most moving bodies come first."""
-        if len(table.kind) == 1:
-            return self._cut(table.kinds[0], None, game)
-        order = np.argsort(table.rank[game], kind="stable")
-        games = game[order]
-        counts = np.bincount(table.kind[games], minlength=len(self.programs))
-        ends = np.cumsum(counts)
-        tasks = []
-        for kind in sorted(table.kinds, key=lambda kind: -self.programs[kind].topology.moving):
-            if counts[kind]:
-                part = slice(ends[kind] - counts[kind], ends[kind])
-                tasks += self._cut(kind, order[part], games[part])
-        return tasks
-
-    def _cut(self, kind: int, rows: npt.NDArray[np.intp] | None, games: Ints) -> list[_Task]:
-        """Cut the worlds of one topology into tasks."""
-        lanes, count = self.programs[kind].lanes, len(games)
-        parts = [slice(start, min(start + lanes, count)) for start in range(0, count, lanes)]
-        return [
-            _Task(number, kind, part if rows is None else rows[part], games[part]) for number, part in enumerate(parts)
-        ]
+        body_obs = np.zeros((len(games), self._body_obs_size), np.float32)
+        words, obs = np.zeros_like(episodes), np.zeros((len(games), table.observations.size), np.float32)
+        for group in table.groups(games):
+            self._run(table, episodes, requests, (words, body_obs), group)
+        table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
+        table.start_words, table.start_obs = words, obs
 
     def _run(
-        self, table: _Table, episodes: Ints, orders: Ints, out: tuple[Ints, npt.NDArray[Any]], task: _Task
+        self,
+        table: GameTable,
+        episodes: Ints,
+        requests: Ints,
+        out: tuple[Ints, Floats],
+        group: Group,
     ) -> None:
-        """Play the worlds of one task."""
-        program, count = self.programs[task.kind], len(task.games)
-        row, width = program.row, self.row
-        worlds = self._scratch(task.kind)
-        pieces(worlds, 0, row)[:count] = pieces(episodes, 0, row)[task.rows]
-        pieces(worlds, row, program.order)[:count] = pieces(orders, 0, program.order)[task.rows]
+        """Play one decision of the worlds of a group; `out` receives episodes and observations of moving bodies."""
+        program, count, rows = self.programs[group.topology_id], len(group.games), group.rows
+        width = program.episode_words
+        worlds = self._scratch(group.topology_id)
+        pieces(worlds, 0, width)[:count] = pieces(episodes, 0, width)[rows]
+        pieces(worlds, width, program.request_words)[:count] = pieces(requests, 0, program.request_words)[rows]
         if count < program.lanes:  # spare lanes repeat the last world and wait
             worlds[count:] = worlds[count - 1]
-            worlds[count:, row + self.slots] = worlds[count - 1, STEP]
-        after = executable(program)(self._scenes(table, task), worlds, self._clock, self._once)[0]
-        pieces(out[0], 0, row)[task.rows] = pieces(after, 0, row)[:count]
-        if row < width:
-            out[0][task.rows, row:] = 0
+            worlds[count:, width + self.slots] = worlds[count - 1, STEP]
+        after = executable(program)(self._scenes(table, group), worlds, self._timing, self._once)[0]
+        pieces(out[0], 0, width)[rows] = pieces(after, 0, width)[:count]
+        if width < self.episode_words:
+            out[0][rows, width:] = 0
         if after.itemsize == 4:
-            pieces(out[1], 0, program.shown)[task.rows] = pieces(after, row, program.shown)[:count]
+            pieces(out[1], 0, program.body_obs_size)[rows] = pieces(after, width, program.body_obs_size)[:count]
         else:
-            out[1][task.rows, : program.shown] = after[:count, row:].astype(np.int32).view(np.float32)
+            out[1][rows, : program.body_obs_size] = after[:count, width:].astype(np.int32).view(np.float32)
 
-    def _scratch(self, kind: int) -> Ints:
-        """Return this thread's table of worlds for the calls of a program."""
-        kept = self._local.__dict__.setdefault("tables", {})
-        if kind not in kept:
-            shape = self.programs[kind].arguments()[1]
-            kept[kind] = aligned(shape.shape, shape.dtype)
-        table: Ints = kept[kind]
-        return table
+    def _scratch(self, topology_id: int) -> Ints:
+        """Return this thread's array of worlds for calls of a program."""
+        arrays: dict[int, Ints] = self._local.__dict__.setdefault("arrays", {})
+        if topology_id not in arrays:
+            shape = self.programs[topology_id].arguments()[1]
+            arrays[topology_id] = aligned(shape.shape, shape.dtype)
+        return arrays[topology_id]
 
-    def _scenes(self, table: _Table, task: _Task) -> OnClient:
-        """Return the words of a task's scenes, (words, lanes), laid out before if they were wanted before."""
-        lanes, words = self.programs[task.kind].lanes, table.scenes[task.kind]
-        place, games = (table.key, task.kind, task.number), filled(task.games, lanes)
+    def _scenes(self, table: GameTable, group: Group) -> ClientArray:
+        """Return the packed scenes of a group's lanes, (words, lanes); only lanes whose game has changed are copied."""
+        lanes, words = self.programs[group.topology_id].lanes, table.scenes[group.topology_id]
+        key, games = (table.key, group.topology_id, group.number), fill_lanes(group.games, lanes)
         with self._lock:
-            there, laid, given = self._laid_out.get(place, (None, None, None))
-        if there is None or laid is None or given is None or (there != games).any():
-            # A new array, for another thread may be reading the old one.
-            changed = np.arange(lanes) if there is None else np.flatnonzero(there != games)
-            laid = aligned((words.shape[1], lanes), words.dtype) if laid is None else aligned_copy(laid)
-            laid[:, changed] = words[games[changed]].T
-            given = OnClient(laid)
-            self._keep(place, (games, laid, given))
-        return given
-
-    def _keep(self, place: tuple[bytes, int, int], laid_out: tuple[Ints, Ints, OnClient]) -> None:
-        with self._lock:
-            self._laid_out[place] = laid_out
-            while len(self._laid_out) > LAID_OUT_KEPT:
-                self._laid_out.popitem(last=False)
+            cached = self._lanes.get(key)
+        if cached is not None and (cached[0] == games).all():
+            return cached[2]
+        # A new array, because another thread may be reading the old one.
+        changed = np.arange(lanes) if cached is None else np.flatnonzero(cached[0] != games)
+        packed = aligned((words.shape[1], lanes), words.dtype) if cached is None else aligned_copy(cached[1])
+        packed[:, changed] = words[games[changed]].T
+        array = ClientArray(packed)
+        self._cache(self._lanes, key, (games, packed, array), LANES_CACHED)
+        return array

@@ -1,4 +1,4 @@
-"""Worlds of one topology that each play on from their own clock: what a decision of an environment asks for."""
+"""Play worlds of one topology, each from its own step to its own: one decision of an environment."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rollouts import EpisodeState, episode_step, reset_episode
+from iphyre_jax.rollouts import EpisodeState, episode_step, removal_steps, reset_episode
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PlayRequest:
-    """What one world is to play next."""
+    """What one world plays next."""
 
-    game: jax.Array  # () int32, row of the table
-    plan: jax.Array  # (slots,) int32, the 0-based step before which a block goes; -1 or a step gone by: it stays
-    stop_step: jax.Array  # () int32, play until so many steps are made or the episode is over
+    game: jax.Array  # () int32, row of the parameters
+    plan: jax.Array  # (slots,) int32, the 0-based step before which each block goes; it stays at -1 or a past step
+    stop_step: jax.Array  # () int32, play until so many steps are made or the episode is done
 
 
 @partial(jax.jit, static_argnums=0)
-def start(topology: Topology, world: World) -> EpisodeState:
+def initial_episode(topology: Topology, world: World) -> EpisodeState:
     """Return the episode of one world of a topology before its first step."""
     return reset_episode(topology, world, jnp.zeros((), bool))
 
@@ -31,20 +31,18 @@ def start(topology: Topology, world: World) -> EpisodeState:
 def run_requests(
     topology: Topology, timing: Timing, world: World, request: PlayRequest, episode: EpisodeState
 ) -> EpisodeState:
-    """Play worlds of one topology, each from its own clock to its own end; lanes may stand behind every row.
+    """Play worlds of one topology until all requests are met; lanes may stand behind every axis.
 
-    Unlike `rollouts.run_until`, which plays all lanes from one common step, a lane waits here while others play on.
+    `rollouts.run_until` plays all lanes from one common step. Here a lane may wait while others play on.
     """
-    removal = jnp.full_like(world.plan_slot, -1)
-    for slot in range(request.plan.shape[0]):
-        removal = jnp.where(world.plan_slot == slot, jnp.expand_dims(request.plan[slot], 0), removal)
+    removal = removal_steps(world, request.plan)
 
     def waits(episode: EpisodeState) -> jax.Array:
         return episode.result.done | (episode.state.step >= request.stop_step)
 
     def once(old: EpisodeState) -> EpisodeState:
         waiting = waits(old)
-        # A waiting lane is played as one that is over, which costs the others nothing, and then put back.
+        # A waiting lane steps like one that is done, which costs the others nothing, and is then put back.
         marked = replace(old, result=replace(old.result, done=waiting))
         due = removal == jnp.expand_dims(old.state.step, 0)
         new = episode_step(topology, world, timing, marked, due)

@@ -1,4 +1,7 @@
-"""A batch of worlds, on leading axes, played in chunks of lanes, each chunk by the branch of its topology."""
+"""Play a batch of worlds (leading axis) in groups of lanes, each by the branch of its topology; traced.
+
+The same grouping outside a traced program is `execution.batching`.
+"""
 
 from __future__ import annotations
 
@@ -16,40 +19,40 @@ Tree = TypeVar("Tree")
 Branch = Callable[[PlayRequest, EpisodeState], EpisodeState]
 
 
-def play_slices(branch: Branch, lanes: int, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
-    """Play a batch of worlds of one topology, slice by slice."""
+def run_slices(branch: Branch, lanes: int, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+    """Play a batch of worlds of one topology, slice by slice of lanes."""
     size = request.game.shape[0]
     if size == lanes:
         return _as_batch(branch(*_as_lanes((request, episode))))
 
-    def play(k: jax.Array, whole: EpisodeState) -> EpisodeState:
-        begin = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice has again are done and wait
-        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, begin, lanes), (request, whole))
+    def run_slice(k: jax.Array, whole: EpisodeState) -> EpisodeState:
+        start = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice plays again wait
+        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, lanes), (request, whole))
         after = _as_batch(branch(*_as_lanes(part)))
-        return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, begin, 0), whole, after)
+        return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, start, 0), whole, after)
 
-    return jax.lax.fori_loop(0, -(-size // lanes), play, episode)
+    return jax.lax.fori_loop(0, -(-size // lanes), run_slice, episode)
 
 
-def play_sorted(
-    branches: Sequence[Branch], lanes: int, kind: jax.Array, request: PlayRequest, episode: EpisodeState
+def run_sorted(
+    branches: Sequence[Branch], lanes: int, topology_id: jax.Array, request: PlayRequest, episode: EpisodeState
 ) -> EpisodeState:
-    """Play a batch of worlds of several topologies, sorted into chunks of one topology each."""
+    """Play a batch of worlds of several topologies, sorted into groups of one topology each."""
     size = request.game.shape[0]
-    chunks = _chunks(kind, len(branches), lanes)
+    groups = _Groups.of(topology_id, len(branches), lanes)
 
-    def play(k: jax.Array, whole: EpisodeState) -> EpisodeState:
-        kind, rows = chunks.at(k)
+    def run_group(k: jax.Array, whole: EpisodeState) -> EpisodeState:
+        topology_id, rows = groups.at(k)
         part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (request, whole))
         part = replace(part, stop_step=jnp.where(rows < size, part.stop_step, 0))  # a spare lane waits from the start
-        after = _as_batch(jax.lax.switch(kind, branches, *_as_lanes((part, before))))
+        after = _as_batch(jax.lax.switch(topology_id, branches, *_as_lanes((part, before))))
         return jax.tree.map(
             lambda leaf, new: leaf.at[rows].set(new, mode="drop", unique_indices=True, indices_are_sorted=True),
             whole,
             after,
         )
 
-    return jax.lax.fori_loop(0, chunks.count, play, episode)
+    return jax.lax.fori_loop(0, groups.count, run_group, episode)
 
 
 def _as_lanes(tree: Tree) -> Tree:
@@ -61,33 +64,34 @@ def _as_batch(tree: Tree) -> Tree:
 
 
 @dataclass(frozen=True)
-class _Chunks:
-    """The worlds of a batch in chunks of one kind each."""
+class _Groups:
+    """The worlds of a batch in groups of one topology each."""
 
-    order: jax.Array  # (size,) int32, the worlds sorted by kind
-    size: jax.Array  # (kinds,) int32, worlds of each
-    before: jax.Array  # (kinds,) int32, worlds of the kinds before it
-    last: jax.Array  # (kinds,) int32, chunks up to the last of a kind, it included
+    order: jax.Array  # (B,) int32, the worlds sorted by topology
+    size: jax.Array  # (topologies,) int32, worlds of each
+    before: jax.Array  # (topologies,) int32, worlds of the topologies before it
+    last: jax.Array  # (topologies,) int32, groups up to the last of a topology, included
     lanes: int
+
+    @classmethod
+    def of(cls, topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
+        """Return the groups of worlds with given topologies, (B,)."""
+        order = jnp.arange(topology_id.shape[0], dtype=jnp.int32)
+        if topologies > 1:
+            order = jnp.argsort(topology_id, stable=True).astype(jnp.int32)
+        size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
+        total = jnp.cumsum(size, dtype=jnp.int32)
+        return cls(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
 
     @property
     def count(self) -> jax.Array:
-        """The number of chunks, () int32."""
+        """The number of groups, () int32."""
         return self.last[-1]
 
     def at(self, k: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Return the kind of chunk k and its worlds, (lanes,) int32, rising; spare ones lie beyond the batch."""
-        kind = jnp.sum((k >= self.last).astype(jnp.int32), dtype=jnp.int32)
-        of_kind = -(-self.size[kind] // self.lanes)
-        place = (k - self.last[kind] + of_kind) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
-        rows = self.order.at[self.before[kind] + place].get(mode="clip")
-        return kind, jnp.where(place < self.size[kind], rows, self.order.shape[0] + place)
-
-
-def _chunks(kind: jax.Array, kinds: int, lanes: int) -> _Chunks:
-    order = jnp.arange(kind.shape[0], dtype=jnp.int32)
-    if kinds > 1:
-        order = jnp.argsort(kind, stable=True).astype(jnp.int32)
-    size = jnp.stack([jnp.sum(kind == k, dtype=jnp.int32) for k in range(kinds)])
-    total = jnp.cumsum(size, dtype=jnp.int32)
-    return _Chunks(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
+        """Return the topology of group k and its worlds, (lanes,) int32, rising; spare lanes lie beyond the batch."""
+        topology_id = jnp.sum((k >= self.last).astype(jnp.int32), dtype=jnp.int32)
+        own_groups = -(-self.size[topology_id] // self.lanes)
+        offset = (k - self.last[topology_id] + own_groups) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
+        rows = self.order.at[self.before[topology_id] + offset].get(mode="clip")
+        return topology_id, jnp.where(offset < self.size[topology_id], rows, self.order.shape[0] + offset)

@@ -1,4 +1,4 @@
-"""What every part of an environment asks of an episode, whatever its topology: clock, outcome, blocks."""
+"""The part of an episode that does not depend on its topology: step, result, blocks."""
 
 from __future__ import annotations
 
@@ -12,47 +12,47 @@ from iphyre_jax.rollouts import EpisodeState
 
 
 class Status(NamedTuple):
-    """An episode as it stands. Shapes are those of one world; lanes may stand behind every axis."""
+    """The status of an episode. Shapes are those of one world; lanes may stand behind every axis."""
 
     game: jax.Array  # () int32, row of the parameters
-    step: jax.Array  # () int32, physics steps on its clock
+    step: jax.Array  # () int32, the solver's step count
     success: jax.Array  # () bool
     steps: jax.Array  # () int32, physics steps made, the solving one included
     eliminations: jax.Array  # () int32, blocks removed by then
     fault: jax.Array  # () int32, 0 for a sound world, see `rollouts`
-    present: jax.Array  # (slots,) bool, slots of a plan whose block is still there
-    executed: jax.Array  # (slots,) bool, slots that a combined plan has executed
+    present: jax.Array  # (slots,) bool, plan slots whose block is present
+    executed: jax.Array  # (slots,) bool, plan slots that a combined plan has executed
 
 
 def status_of(game: jax.Array, world: World, episode: EpisodeState, executed: jax.Array) -> Status:
     """Return the status of an episode."""
     out = episode.result
-    there = present(world, episode, executed.shape[0])
-    return Status(game, episode.state.step, out.success, out.steps, out.eliminations, out.fault, there, executed)
+    present = present_slots(world, episode, executed.shape[0])
+    return Status(game, episode.state.step, out.success, out.steps, out.eliminations, out.fault, present, executed)
 
 
-def present(world: World, episode: EpisodeState, slots: int) -> jax.Array:
-    """Return which slots of a plan stand for a block that is still there, (slots,) bool."""
+def present_slots(world: World, episode: EpisodeState, slots: int) -> jax.Array:
+    """Return which plan slots have a block that is still present, (slots,) bool."""
     here = [jnp.any((world.plan_slot == slot) & episode.state.alive, axis=0) for slot in range(slots)]
     return jnp.stack(here)
 
 
-GAME, STEP, SUCCESS, FAULT, STANDING = 0, 1, 2, 5, 6  # where a packed status has them
+GAME, STEP, SUCCESS, FAULT, PRESENT = 0, 1, 2, 5, 6  # words of a packed status
 
 
 def status_words(slots: int) -> int:
-    """Return how many words a packed status has."""
-    return STANDING + 2 * slots
+    """Return the number of words of a packed status."""
+    return PRESENT + 2 * slots
 
 
 def status_rows(status: Status) -> list[jax.Array]:
-    """Return the words of a status, each () int32; lanes stay behind."""
+    """Return a status as words, each () int32; lanes stay behind."""
     return [part.astype(jnp.int32) for part in (*status[:6], *status.present, *status.executed)]
 
 
 def unpack_status(words: jax.Array) -> Status:
-    """Return the status of (words,) integers as of `status_rows`; lanes stay behind."""
-    slots = (words.shape[0] - STANDING) // 2
-    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(STANDING))
-    there, executed = words[STANDING : STANDING + slots] != 0, words[STANDING + slots :] != 0
-    return Status(game, step, success != 0, steps, eliminations, fault, there, executed)
+    """Return the status of (words,) integers, see `status_rows`; lanes stay behind."""
+    slots = (words.shape[0] - PRESENT) // 2
+    game, step, success, steps, eliminations, fault = (words[k].astype(jnp.int32) for k in range(PRESENT))
+    present, executed = words[PRESENT : PRESENT + slots] != 0, words[PRESENT + slots :] != 0
+    return Status(game, step, success != 0, steps, eliminations, fault, present, executed)

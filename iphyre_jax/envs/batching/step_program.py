@@ -1,6 +1,6 @@
-"""What is compiled for the environments on a CPU: one decision of worlds of one topology, side by side.
+"""The program of the environments on a CPU: one decision of worlds of one topology, side by side.
 
-A row is an episode: the words of its status, then those of its physics.
+A packed episode is a row: the words of its status, then those of its physics.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.layout import WORD, Layout
-from iphyre_jax.observations.features import Pose, seen_ends, speeds
+from iphyre_jax.observations.features import Pose, scaled_ends, speeds
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
-BLOCK: Final = 48  # rows that are turned over at a time: as many lines as the first cache holds of rows 512 bytes apart
-SHOWN: Final = 7  # numbers of what is seen of a moving body
-BEGIN: Final = -1  # in place of a step to play to: the episode begins, and nothing is played
+BLOCK: Final = 48  # rows transposed at a time: as many lines as the first cache holds of rows 512 bytes apart
+BODY_OBS: Final = 7  # numbers of the observation of a moving body
+RESET: Final = -1  # in place of `stop_step`: the episode is reset, and no step is made
 
 
 @lru_cache(1024)
@@ -36,13 +36,13 @@ def scene_layout(topology: Topology, dtype: str) -> Layout:
 
 @dataclass(frozen=True)
 class EnvStep:
-    """One decision of worlds of one topology, whatever the strategy: it gets plans and steps to play to.
+    """One decision of worlds of one topology, for any strategy: it takes plans and the steps to play to.
 
     Attributes:
         topology: of the worlds.
         dtype: of the physics.
         lanes: worlds side by side.
-        slots: of a plan.
+        slots: plan slots.
     """
 
     sources: ClassVar[tuple[str, ...]] = (
@@ -58,78 +58,78 @@ class EnvStep:
     slots: int
 
     @property
-    def row(self) -> int:
+    def episode_words(self) -> int:
         """Words of an episode."""
         return status_words(self.slots) + programs.episode_layout(self.topology, self.dtype).rows
 
     @property
-    def shown(self) -> int:
-        """Numbers that tell what is seen of the moving bodies: `seen_ends` and `speeds` of each."""
-        return SHOWN * self.topology.moving
+    def body_obs_size(self) -> int:
+        """Numbers of the observation of the moving bodies: `scaled_ends` and `speeds` of each."""
+        return BODY_OBS * self.topology.moving
 
     @property
-    def order(self) -> int:
-        """Words of what a world is to do: a plan, the step to play to or BEGIN, and the slots executed then."""
+    def request_words(self) -> int:
+        """Words of a request: a plan, `stop_step` or RESET, and the slots that are executed then."""
         return 2 * self.slots + 1
 
     def arguments(self) -> programs.Shapes:
-        """Return the shapes of scenes (words, lanes), worlds (lanes, row + order), clock, and once (1,), which is 1.
+        """Return the shapes of scenes (words, lanes), worlds (lanes, words), packed timing, and once (1,), which is 1.
 
-        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its order.
+        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its request.
         """
         scene = scene_layout(self.topology, self.dtype)
         return (
             jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
-            jax.ShapeDtypeStruct((self.lanes, self.row + self.order), scene.word),
-            jax.ShapeDtypeStruct((programs.CLOCK,), self.dtype),
+            jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.request_words), scene.word),
+            jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), self.dtype),
             jax.ShapeDtypeStruct((1,), "int32"),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return episodes as they are then, and the bits of what is seen of their bodies, (lanes, row + shown)."""
+        """Return the episodes and the bits of the observations of their bodies, (lanes, words)."""
         scenes, worlds, numbers, once = arguments
-        timing = programs.timing_of(numbers)
+        timing = programs.unpack_timing(numbers)
 
-        def play(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
+        def step(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
             world, ends = scene_layout(self.topology, self.dtype).unpack(scenes)
-            tables = self._play(world, ends, worlds.T, timing, once)
-            return _turned_over(tables, jnp.zeros((self.lanes, self.row + self.shown), worlds.dtype))
+            tables = self._step(world, ends, worlds.T, timing, once)
+            return _transposed(tables, jnp.zeros((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype))
 
-        like = jax.ShapeDtypeStruct((self.lanes, self.row + self.shown), worlds.dtype)
-        return (programs.in_one_function(play, (scenes, worlds), like, once[0]),)
+        like = jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype)
+        return (programs.in_one_function(step, (scenes, worlds), like, once[0]),)
 
-    def _play(
+    def _step(
         self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, once: jax.Array
     ) -> tuple[jax.Array, ...]:
-        """Return words and numbers of the episodes, and parts of what is seen of them; all have lanes behind."""
+        """Return words and numbers of the episodes, and observations of their bodies; all have lanes behind."""
         blocks, first = self.slots, status_words(self.slots)
         layout = programs.episode_layout(self.topology, self.dtype)
-        episodes, orders = worlds[: self.row], worlds[self.row :].astype(jnp.int32)
-        plan, stop_step, executed = orders[:blocks], orders[blocks], orders[blocks + 1 :] != 0
-        episode = _begun(self.topology, world, stop_step == BEGIN, layout.unpack(episodes[first:]))
-        stop_step = jnp.where(stop_step == BEGIN, episode.state.step, stop_step)
+        episodes, requests = worlds[: self.episode_words], worlds[self.episode_words :].astype(jnp.int32)
+        plan, stop_step, executed = requests[:blocks], requests[blocks], requests[blocks + 1 :] != 0
+        episode = _reset_where(self.topology, world, stop_step == RESET, layout.unpack(episodes[first:]))
+        stop_step = jnp.where(stop_step == RESET, episode.state.step, stop_step)
         request = PlayRequest(episodes[0].astype(jnp.int32), plan, stop_step)
         episode = run_requests(self.topology, timing, world, request, episode)
         status = status_of(request.game, world, episode, executed)
 
         def tables() -> tuple[jax.Array, ...]:
             whole, numbers = layout.parts(episode)
-            # Many rows: of a few arrays the compiler would choose one for each number.
+            # Row by row: from a few whole arrays the compiler would select for each number.
             words = jnp.concatenate([*(row.astype(worlds.dtype)[None] for row in status_rows(status)), whole])
             sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
             position = episode.state.position
             pose = Pose(position.x, position.y, episode.state.angle, status.present, sound)
-            shown = [jnp.concatenate(pair) for pair in zip(seen_ends(ends, pose), speeds(episode), strict=True)]
-            rows = jnp.concatenate(shown)
+            body_obs = [jnp.concatenate(pair) for pair in zip(scaled_ends(ends, pose), speeds(episode), strict=True)]
+            rows = jnp.concatenate(body_obs)
             return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
 
-        # In a branch of its own, always taken: else it is made number by number while it is turned over.
+        # In a branch that is always taken: otherwise each number is computed while it is transposed.
         blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
         return jax.lax.cond(once[0] == 1, tables, lambda: tuple(blank))
 
 
-def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
-    """Return tables (rows, lanes) one beside the other, (lanes, rows), their bits as words of `out`."""
+def _transposed(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
+    """Return tables (rows, lanes) side by side as (lanes, rows); their bits are words of `out`."""
     column = 0
     for table in tables:
         for start in range(0, table.shape[0], BLOCK):
@@ -141,11 +141,11 @@ def _turned_over(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
     return out
 
 
-def _begun(topology: Topology, world: World, begins: jax.Array, episode: EpisodeState) -> EpisodeState:
-    """Return episodes, those that begin as they are before their first step."""
+def _reset_where(topology: Topology, world: World, is_reset: jax.Array, episode: EpisodeState) -> EpisodeState:
+    """Return episodes, some of them reset."""
 
     def fresh() -> EpisodeState:
-        start = rollouts.reset_episode(topology, world, jnp.zeros_like(begins))
-        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(begins, old.shape), new, old), start, episode)
+        start = rollouts.reset_episode(topology, world, jnp.zeros_like(is_reset))
+        return jax.tree.map(lambda new, old: jnp.where(jnp.broadcast_to(is_reset, old.shape), new, old), start, episode)
 
-    return jax.lax.cond(jnp.any(begins), fresh, lambda: episode)
+    return jax.lax.cond(jnp.any(is_reset), fresh, lambda: episode)

@@ -1,13 +1,13 @@
 """Worlds of several topologies in one program.
 
-A topology decides what is compiled, so a batch that mixes games needs one program for each of them, and arrays of one
-shape for all. `Mixture` gives both: every array of a world is filled up with rows at its end to the largest of the
-mixture; `play` cuts off the rows that are not the world's own, runs its topology's program and fills up again. So each
-world is computed as it would be in a batch of its own kind.
+A topology decides what is compiled. So a batch that mixes games needs one program for each topology, and arrays of one
+shape for all of them. `TopologySet` gives both: every array of a world is padded at its end to the largest shape; `run`
+cuts the padding off, runs the program of the world's topology and pads the result. So each world is computed as in a
+batch of its own topology.
 
-`play` is written for one world. Under `jax.vmap`, nested or not, it does not become "play every topology for every
-world and select": the worlds are sorted by topology and played in chunks of lanes (trailing axes, see `physics.types`),
-each chunk by the program of its own topology.
+`run` is written for one world. Under `jax.vmap`, nested or not, it does not play every topology for every world and
+select one. It sorts the worlds by topology and plays groups of lanes (trailing axes, see `physics.types`), each group
+by the program of its topology.
 """
 
 from __future__ import annotations
@@ -21,80 +21,80 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.batching.padded_shapes import Rows
-from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests, start
-from iphyre_jax.envs.batching.sorting import play_slices, play_sorted
+from iphyre_jax.envs.batching.padded_shapes import PaddedShapes
+from iphyre_jax.envs.batching.play_requests import PlayRequest, initial_episode, run_requests
+from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
 from iphyre_jax.execution.devices import traced_lanes
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import EpisodeState
 
-Play = Callable[[Timing, "Games", PlayRequest, EpisodeState], EpisodeState]
+Run = Callable[[Timing, "Games", PlayRequest, EpisodeState], EpisodeState]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Games:
-    """A table of worlds, filled up, one a row of every array."""
+    """The worlds of all games, padded, one a row of every array."""
 
     world: World
-    kind: jax.Array  # (games,) int32, index into the mixture's topologies
+    topology_id: jax.Array  # (games,) int32, index into the set's topologies
 
 
 @dataclass(frozen=True)
-class Mixture:
+class TopologySet:
     """The topologies that one program plays; hashable, hence static under `jax.jit`.
 
     Attributes:
-        topologies: in the order in which `Games.kind` counts them.
-        worlds: shapes of a world of each.
-        episodes: shapes of its progress.
+        topologies: `Games.topology_id` is an index into them.
+        worlds: shapes of a world of each topology.
+        episodes: shapes of an episode of each topology.
     """
 
     topologies: tuple[Topology, ...]
-    worlds: tuple[Rows, ...]
-    episodes: tuple[Rows, ...]
+    worlds: tuple[PaddedShapes, ...]
+    episodes: tuple[PaddedShapes, ...]
 
     @classmethod
     @cache
-    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> Mixture:
-        """Return the mixture of some topologies, at least one; dtype: of the physics."""
+    def of(cls, topologies: tuple[Topology, ...], dtype: str) -> TopologySet:
+        """Return the set of some topologies, at least one; dtype: of the physics."""
         with jax.enable_x64(dtype == "float64"):
             worlds = [World.shapes(topology, dtype) for topology in topologies]
-            starts = [jax.eval_shape(partial(start, t), world) for t, world in zip(topologies, worlds, strict=True)]
-        return cls(topologies, tuple(map(Rows.of, worlds)), tuple(map(Rows.of, starts)))
+            episodes = [jax.eval_shape(partial(initial_episode, t), w) for t, w in zip(topologies, worlds, strict=True)]
+        return cls(topologies, tuple(map(PaddedShapes.of, worlds)), tuple(map(PaddedShapes.of, episodes)))
 
-    def only(self, kind: int) -> Mixture:
-        """Return the mixture of one of the topologies."""
-        return Mixture((self.topologies[kind],), (self.worlds[kind],), (self.episodes[kind],))
-
-    @property
-    def world(self) -> Rows:
-        """The shapes of a world filled up."""
-        return Rows.largest(self.worlds)
+    def only(self, topology_id: int) -> TopologySet:
+        """Return the set of one of the topologies."""
+        return TopologySet((self.topologies[topology_id],), (self.worlds[topology_id],), (self.episodes[topology_id],))
 
     @property
-    def episode(self) -> Rows:
-        """The shapes of a progress filled up."""
-        return Rows.largest(self.episodes)
+    def world(self) -> PaddedShapes:
+        """The shapes of a padded world."""
+        return PaddedShapes.largest(self.worlds)
 
-    def play(self, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
-        """Play one world until `request.stop_step` steps are made or its episode is done; one that is done stays.
+    @property
+    def episode(self) -> PaddedShapes:
+        """The shapes of a padded episode."""
+        return PaddedShapes.largest(self.episodes)
+
+    def run(self, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+        """Play one world until `request.stop_step` steps are made or its episode is done.
 
         Args:
-            timing: of the physics step; not to be mapped over.
-            games: the table.
+            timing: of the physics step; the same for all worlds of a batch.
+            games: the worlds of all games.
             request: of one world.
-            episode: of the world, filled up.
+            episode: of the world, padded; one that is done stays as it is.
         """
         return _vmappable(self)(timing, games, request, episode)
 
 
 @cache
-def _vmappable(mixture: Mixture) -> Play:
-    """Return `play` of a mixture, which takes one world or a batch of them on a leading axis."""
-    play = custom_vmap(jax.jit(partial(_play, mixture)))
+def _vmappable(topology_set: TopologySet) -> Run:
+    """Return `TopologySet.run` with its own rule for `jax.vmap`."""
+    run = custom_vmap(jax.jit(partial(_run, topology_set)))
 
-    @play.def_vmap
+    @run.def_vmap
     def batched(
         size: int, mapped: Sequence[object], timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState
     ) -> tuple[EpisodeState, EpisodeState]:
@@ -105,46 +105,44 @@ def _vmappable(mixture: Mixture) -> Play:
             return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
 
         request, episode = jax.tree.map(with_axis, (request, episode), tuple(mapped[2:]))
-        if any(jax.tree.leaves(mapped[1])):  # a table for each: one below the other
+        if any(jax.tree.leaves(mapped[1])):  # each world has games of its own: stack them
             games = jax.tree.map(with_axis, games, mapped[1])
-            each = games.kind.shape[1]
-            games = jax.tree.map(lambda leaf: leaf.reshape(size * each, *leaf.shape[2:]), games)
-            first = each * jnp.arange(size, dtype=jnp.int32)
+            per_world = games.topology_id.shape[1]
+            games = jax.tree.map(lambda leaf: leaf.reshape(size * per_world, *leaf.shape[2:]), games)
+            first = per_world * jnp.arange(size, dtype=jnp.int32)
             request = replace(request, game=request.game + first.reshape(size, *(1,) * (request.game.ndim - 1)))
         batch = request.game.shape
         count = math.prod(batch)
         flat = jax.tree.map(lambda leaf: leaf.reshape(count, *leaf.shape[len(batch) :]), (request, episode))
-        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), play(timing, games, *flat))
+        out = jax.tree.map(lambda leaf: leaf.reshape(*batch, *leaf.shape[1:]), run(timing, games, *flat))
         return out, jax.tree.map(lambda _: True, out)
 
-    return play
+    return run
 
 
-def _play(mixture: Mixture, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
+def _run(one: TopologySet, timing: Timing, games: Games, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
     """Play one world, or a batch on the leading axis."""
-    branches = [partial(_play_kind, mixture, kind, timing, games.world) for kind in range(len(mixture.topologies))]
+    branches = [partial(_run_topology, one, k, timing, games.world) for k in range(len(one.topologies))]
     if request.game.ndim == 0:
-        return jax.lax.switch(games.kind[request.game], branches, request, episode)
-    size = request.game.shape[0]
-    lanes = min(size, traced_lanes())
+        return jax.lax.switch(games.topology_id[request.game], branches, request, episode)
+    lanes = min(request.game.shape[0], traced_lanes())
     if len(branches) == 1:
-        return play_slices(branches[0], lanes, request, episode)
-    return play_sorted(branches, lanes, games.kind[request.game], request, episode)
+        return run_slices(branches[0], lanes, request, episode)
+    return run_sorted(branches, lanes, games.topology_id[request.game], request, episode)
 
 
-def _play_kind(
-    mixture: Mixture, kind: int, timing: Timing, worlds: World, request: PlayRequest, episode: EpisodeState
+def _run_topology(
+    one: TopologySet, topology_id: int, timing: Timing, worlds: World, request: PlayRequest, episode: EpisodeState
 ) -> EpisodeState:
-    """Play worlds, lanes behind their rows, that all are of one topology of the mixture."""
-    own = mixture.worlds[kind]
-    one = jax.tree.leaves(worlds)[0].shape[0] == 1
+    """Play worlds of one topology, lanes behind their rows."""
+    is_single = jax.tree.leaves(worlds)[0].shape[0] == 1
 
     def in_lanes(leaf: jax.Array) -> jax.Array:
-        if one:  # nothing to look up, and the same number in all lanes
+        if is_single:  # no lookup: all lanes play the one game
             rows = leaf[0].reshape(*leaf.shape[1:], *(1,) * request.game.ndim)
             return jnp.broadcast_to(rows, (*leaf.shape[1:], *request.game.shape))
         return jnp.moveaxis(leaf[request.game], 0, -1) if request.game.ndim else leaf[request.game]
 
-    world = own.cut(jax.tree.map(in_lanes, worlds))
-    after = run_requests(mixture.topologies[kind], timing, world, request, mixture.episodes[kind].cut(episode))
-    return mixture.episode.fill(after)
+    world = one.worlds[topology_id].unpad(jax.tree.map(in_lanes, worlds))
+    own = one.episodes[topology_id].unpad(episode)
+    return one.episode.pad(run_requests(one.topologies[topology_id], timing, world, request, own))

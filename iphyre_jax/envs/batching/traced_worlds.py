@@ -1,4 +1,4 @@
-"""Worlds inside the user's own program: for accelerators, for gradients, and wherever the host must not be called."""
+"""Worlds inside the user's program: for accelerators, for gradients, and where a program must not call the host."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.batching.play_requests import PlayRequest, start
+from iphyre_jax.envs.batching.play_requests import PlayRequest, initial_episode
 from iphyre_jax.envs.batching.status import Status, status_of
-from iphyre_jax.envs.batching.topology_set import Games, Mixture
-from iphyre_jax.envs.params import EnvParams, EnvState, Played, Worlds
+from iphyre_jax.envs.batching.topology_set import Games, TopologySet
+from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.observations.features import Features, Pose, own_features, pose_of, scene_tables
 from iphyre_jax.observations.vectors import observe
-from iphyre_jax.physics.types import World
 from iphyre_jax.rollouts import EpisodeState
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
@@ -28,32 +27,22 @@ Tree = TypeVar("Tree")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TracedParams(EnvParams):
-    """Games as arrays, each filled up to the largest."""
+    """Games as arrays, padded to the largest."""
 
     table: Games  # as the solver reads them
     start: EpisodeState  # before the first step
     features: Features  # what an observation needs
 
     @property
-    def games(self) -> int:
-        """The number of games."""
-        return self.table.kind.shape[-1]
-
-    @property
-    def kind(self) -> jax.Array:
-        """Topology of each game."""
-        return self.table.kind
-
-    @property
-    def world(self) -> World:
-        """The games as worlds of the solver."""
-        return self.table.world
+    def topology_id(self) -> jax.Array:
+        """Topology of each game, (games,) int32."""
+        return self.table.topology_id
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TracedState(EnvState):
-    """An episode as the solver has it, filled up to the largest."""
+    """An episode as the solver has it, padded to the largest."""
 
     episode: EpisodeState  # of the physics
     row: jax.Array  # () int32, row of the parameters
@@ -70,41 +59,41 @@ class TracedWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
     @property
-    def mixture(self) -> Mixture:
+    def topology_set(self) -> TopologySet:
         """The topologies as one program."""
-        return Mixture.of(self.topologies, self.dtype)
+        return TopologySet.of(self.topologies, self.dtype)
 
     def params(self, scenes: Sequence[Scene]) -> TracedParams:
         """Return scenes as parameters."""
-        mixture = self.mixture
-        kinds, rows = [], []
+        topology_set = self.topology_set
+        topology_ids, rows = [], []
         with jax.enable_x64(self.dtype == "float64"):
             for scene in scenes:
                 topology, world = cached_world(scene, self.protocol.resets, self.dtype)
-                kinds.append(self.topologies.index(topology))
-                rows.append((mixture.world.fill(world), mixture.episode.fill(start(topology, world))))
+                topology_ids.append(self.topologies.index(topology))
+                rows.append((topology_set.world.pad(world), topology_set.episode.pad(initial_episode(topology, world))))
             world, episode = _table(rows)
             features = _table([scene_tables(scene, self.topologies, self.dtype) for scene in scenes])
-            return TracedParams(Games(world, jnp.asarray(kinds, jnp.int32)), episode, features)
+            return TracedParams(Games(world, jnp.asarray(topology_ids, jnp.int32)), episode, features)
 
-    def alone(self, params: TracedParams, game: int) -> TracedParams:
-        """Return the parameters of one game, for worlds of its topology alone (host)."""
-        kind = int(params.table.kind[game])
-        of = self.mixture.only(kind)
+    def single_game(self, params: TracedParams, game: int) -> TracedParams:
+        """Return the parameters of one game, for its topology only (host)."""
+        topology_id = int(params.table.topology_id[game])
+        of = self.topology_set.only(topology_id)
         with jax.enable_x64(self.dtype == "float64"):
-            tables = params.world, params.start, params.features
-            world, begun, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
-            own = of.world.cut(world), of.episode.cut(begun), own_features(features, self.topologies[kind])
-            world, begun, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
-            return TracedParams(Games(world, jnp.zeros(1, jnp.int32)), begun, features)
+            tables = params.table.world, params.start, params.features
+            world, first, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
+            own = of.world.unpad(world), of.episode.unpad(first), own_features(features, self.topologies[topology_id])
+            world, first, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
+            return TracedParams(Games(world, jnp.zeros(1, jnp.int32)), first, features)
 
-    def begin(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
-        """Return what is seen, and the state, of an episode before its first step."""
+    def reset(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
+        """Return the observation and the state of an episode before its first step."""
         row = jnp.asarray(game, jnp.int32)
         state = TracedState(_row(params.start, row), row, jnp.zeros(self.limits.blocks, bool))
         return self.observe(params, state), state
 
-    def play(
+    def step(
         self,
         params: TracedParams,
         state: TracedState,
@@ -112,24 +101,24 @@ class TracedWorlds(Worlds):
         stop_step: jax.Array,
         executed: jax.Array,
         next_game: jax.Array,
-    ) -> Played:
-        """Play on; see `params.Worlds`."""
+    ) -> StepResult:
+        """Play one decision; see `params.Worlds`."""
         times, games = _opaque((step_timing(self.protocol.fps, self.dtype), params.table))
-        episode = self.mixture.play(times, games, PlayRequest(state.row, plan, stop_step), state.episode)
+        episode = self.topology_set.run(times, games, PlayRequest(state.row, plan, stop_step), state.episode)
         last = TracedState(episode, state.row, executed)
-        status, last_seen = self.status(params, last), self.observe(params, last)
+        status, final_obs = self.status(params, last), self.observe(params, last)
         ended = status.success | (status.fault != 0) | (status.step >= self.protocol.steps)
         follows = ended & (next_game >= 0)
-        fresh = self.begin(params, jnp.maximum(next_game, 0))
-        seen, now = jax.tree.map(lambda new, old: jnp.where(follows, new, old), fresh, (last_seen, last))
-        return Played(now, seen, status, last, last_seen)
+        start = self.reset(params, jnp.maximum(next_game, 0))
+        obs, now = jax.tree.map(lambda new, old: jnp.where(follows, new, old), start, (final_obs, last))
+        return StepResult(now, obs, status, last, final_obs)
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""
-        return status_of(state.row, _row(params.world, state.row), state.episode, state.executed)
+        return status_of(state.row, _row(params.table.world, state.row), state.episode, state.executed)
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
-        """Return what is seen of an episode."""
+        """Return the observation of an episode."""
         present, steps = self.status(params, state).present, jnp.asarray(self.protocol.steps)
         features = _row(params.features, state.row)
         return jnp.concatenate(observe(self.observation, features, present, state.episode, steps, no_op=self.no_op))
@@ -141,7 +130,7 @@ class TracedWorlds(Worlds):
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays row by row, on the device."""
+    """Stack trees of arrays, each a row, on the device."""
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
 
 
@@ -151,5 +140,5 @@ def _row(table: Tree, index: jax.Array) -> Tree:
 
 
 def _opaque(tree: Tree) -> Tree:
-    """Return arrays out of the compiler's sight: what it does with constants rounds otherwise."""
+    """Hide arrays from the compiler, which would round constants differently."""
     return jax.lax.optimization_barrier(jax.tree.map(jnp.asarray, tree))

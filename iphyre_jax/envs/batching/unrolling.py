@@ -1,15 +1,15 @@
-"""Many decisions of many worlds, with a policy inside the program.
+"""`unroll`: many decisions of many worlds, with the policy inside the program.
 
     env, params = iphyre_jax.make("on-the-fly/basic-v1")
     batch = Batch.of(env, params, np.repeat(np.arange(params.games), 128))
 
-    def policy(weights, key, seen):  # of one world
-        logits = network(weights, seen)
-        return jax.random.categorical(key, logits), (seen, logits)  # the action, and what is to be kept
+    def policy(weights, key, obs):  # of one world
+        logits = network(weights, obs)
+        return jax.random.categorical(key, logits), (obs, logits)  # the action, and anything to keep
 
     batch, steps = unroll(env, policy, weights, batch, jax.random.key(0), decisions=32)
 
-It is a `jax.lax.scan` over `Environment.play` in which each world keeps its game.
+It is a `jax.lax.scan` over `Environment.step_to` in which each world keeps its game.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ ActingPolicy = Callable[[Any, jax.Array, jax.Array], tuple[jax.Array, Any]]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Batch:
-    """B worlds under way."""
+    """B worlds, each in an episode."""
 
     params: EnvParams
     state: EnvState  # (B, ...)
-    seen: jax.Array  # (B, ...) observation of that state
+    obs: jax.Array  # (B, ...) of `state`
 
     @classmethod
     def of(cls, environment: Environment, params: EnvParams, games: npt.ArrayLike) -> Batch:
         """Return worlds before their first step (host).
 
         Args:
-            environment: whose episodes they play.
+            environment: that plays the episodes.
             params: the games.
             games: (B,) integers, rows of the parameters, one for each world, in any order.
 
         Raises:
-            ValueError: games are no such rows; one line.
+            ValueError: games are not such rows; one line.
         """
         rows = np.asarray(games)
         if rows.ndim != 1 or not rows.size or rows.dtype.kind not in "iu":
@@ -60,8 +60,8 @@ class Batch:
         if rows.min() < 0 or rows.max() >= params.games:
             raise ValueError(f"games: expected rows of {params.games} games, got {rows.min()} to {rows.max()}")
         with jax.enable_x64(environment.dtype == "float64"):
-            seen, state = _begin(environment, jnp.asarray(rows, jnp.int32), params)
-        return cls(params, state, seen)
+            obs, state = _reset(environment, jnp.asarray(rows, jnp.int32), params)
+        return cls(params, state, obs)
 
     @property
     def game(self) -> jax.Array:
@@ -76,13 +76,13 @@ class Steps(NamedTuple):
     reward: jax.Array  # float32
     terminated: jax.Array  # bool, the official flags
     truncated: jax.Array  # bool
-    played: jax.Array  # bool, False where the episode had ended before, which happens without autoreset only
+    played: jax.Array  # bool, False if the episode had ended before, which happens only without autoreset
     info: Info  # after the decision, before any reset
-    extras: Any  # what else the policy returned
+    extras: Any  # the policy's second result
 
 
 @partial(jax.jit, static_argnums=0)
-def _begin(environment: Environment, games: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+def _reset(environment: Environment, games: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
     return jax.vmap(environment.reset_to, in_axes=(0, None))(games, params)
 
 
@@ -90,40 +90,37 @@ def _begin(environment: Environment, games: jax.Array, params: EnvParams) -> tup
 def unroll(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
-    """Let a policy decide so many times in every world; pure.
+    """Play so many decisions of a policy in every world; pure.
 
-    Under autoreset a world whose episode has ended begins anew with the same game, so each game gets an equal share of
-    the decisions, not of the episodes, as it would if a game was drawn for each episode. Without autoreset it stays as
-    it is; played from the start for as many decisions as an episode may take (`environment.strategy.decisions`), every
-    world is one whole episode.
+    Under autoreset a world starts the same game again when its episode ends. So games share the decisions equally, not
+    the episodes. Without autoreset an ended episode stays as it is. Played from the start for
+    `environment.strategy.decisions`, the most that an episode may take, every world is one whole episode.
 
     Args:
         environment: of the batch; static.
-        policy: see `ActingPolicy`; static: what changes belongs in the weights. What it returns beside the action comes
-            back in `Steps.extras`. Each world has a key of its own at each decision. An action that is no member of the
-            action space does nothing.
-        weights: given to the policy, any tree of arrays.
+        policy: see `ActingPolicy`; static: what changes belongs in the weights. Its extras come back in `Steps.extras`.
+            Each world has its own key at each decision. An action outside the action space does nothing.
+        weights: passed to the policy, any tree of arrays.
         batch: of this environment.
         key: random key.
         decisions: of each world; static.
 
     Returns:
-        The batch as it is then, and the steps.
+        The batch after the decisions, and the steps.
 
     Raises:
-        ValueError: decisions is no whole number of at least 1, or a float64 environment meets a JAX without x64; one
-            line.
+        ValueError: decisions is not a whole number of at least 1, or JAX lacks the environment's dtype; one line.
     """
     check_whole("decisions", decisions)
     environment.check_dtype()
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)
 
-    def one(state: EnvState, seen: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, ...]:
-        action, extras = policy(weights, key, seen)
+    def one(state: EnvState, obs: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, ...]:
+        action, extras = policy(weights, key, obs)
         action = environment.action_space().array(action)
         ended = environment.has_ended(environment.worlds.status(batch.params, state))
-        out = environment.play(state, action, batch.params, game)
+        out = environment.step_to(state, action, batch.params, game)
         return out, Steps(action, out[2], out[3], out[4], ~ended, out[5], extras)
 
     def decide(now: tuple[EnvState, jax.Array], count: jax.Array) -> tuple[tuple[EnvState, jax.Array], Steps]:
@@ -131,14 +128,14 @@ def unroll(
         out, steps = jax.vmap(one)(*now, own, game)
         return (out[1], out[0]), steps
 
-    (state, seen), steps = jax.lax.scan(decide, (batch.state, batch.seen), jnp.arange(decisions, dtype=jnp.int32))
-    return replace(batch, state=state, seen=seen), steps
+    (state, obs), steps = jax.lax.scan(decide, (batch.state, batch.obs), jnp.arange(decisions, dtype=jnp.int32))
+    return replace(batch, state=state, obs=obs), steps
 
 
 def unroll_on_threads(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
-    """Do what `unroll` does; deprecated, for `unroll` plays on all threads by itself."""
+    """Do what `unroll` does; deprecated: `unroll` plays on all threads."""
     warnings.warn("unroll_on_threads: use unroll, which plays on all threads", DeprecationWarning, stacklevel=2)
     with jax.enable_x64(environment.dtype == "float64"):
         return unroll(environment, policy, weights, batch, key, decisions=decisions)

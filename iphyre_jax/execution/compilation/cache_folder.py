@@ -1,8 +1,8 @@
-"""The folder in which compiled programs are kept between processes.
+"""The folder that keeps compiled programs between processes.
 
-A compiled program is machine code, so whoever can write the folder could run code as this user. It must therefore be
-this user's own, and nobody else may write it or an entry in it; both are checked at each use. The sum in an entry finds
-damage, not malice.
+A compiled program is machine code: whoever can write the folder can run code as this user. So the folder must belong to
+this user, and nobody else may write it or its entries. Every use checks both. The checksum in an entry detects damage,
+not malice.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
 OFF_WORDS = ("0", "off", "no", "false")
 MAGIC = b"iphyre_jax program\n"
 SUFFIX = ".program"
-WAIT = 0.05  # s between looks at what another process makes
-KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when another is written
+WAIT = 0.05  # s between checks of another process's claim
+KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when programs are compiled
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
@@ -31,7 +31,7 @@ def private_folder(folder: Path) -> Path:
     """Return the folder, made with mode 0700 if it is missing.
 
     Raises:
-        ValueError: one line; it cannot be made, or somebody else owns it or may write it.
+        ValueError: it cannot be made, or somebody else owns it or may write it; one line.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -45,10 +45,10 @@ def private_folder(folder: Path) -> Path:
 
 
 def default_folder() -> Path | None:
-    """Return the folder that the environment names, else `iphyre_jax` in the user's cache folder; None if turned off.
+    """Return the folder that IPHYRE_JAX_CACHE names, else `iphyre_jax` in the user's cache folder; None if turned off.
 
     Raises:
-        ValueError: one line; see `private_folder`.
+        ValueError: see `private_folder`; one line.
     """
     named = os.environ.get(CACHE_VARIABLE, "")
     if named.lower() in OFF_WORDS:
@@ -58,17 +58,17 @@ def default_folder() -> Path | None:
     home = os.environ.get("XDG_CACHE_HOME", "")
     try:
         return private_folder((Path(home) if Path(home).is_absolute() else Path.home() / ".cache") / "iphyre_jax")
-    except RuntimeError as error:  # Path.home() finds no home
+    except RuntimeError as error:  # there is no home folder
         raise ValueError(f"cache: {error}") from None
 
 
 def entry_path(folder: Path, key: Mapping[str, Any]) -> Path:
-    """Return the path of the entry with a key of JSON values."""
+    """Return the path of an entry; key: JSON values."""
     return folder / (hashlib.sha256(_canonical(key)).hexdigest()[:32] + SUFFIX)
 
 
 def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
-    """Return what an entry holds; None if it is missing, damaged, somebody else's, or has another key."""
+    """Return the payload of an entry; None if it is missing, damaged, somebody else's, or has another key."""
     try:
         with path.open("rb") as file:
             if _distrusted(os.fstat(file.fileno())) or file.readline() != MAGIC:
@@ -81,15 +81,15 @@ def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
     if header.get("sha256") != hashlib.sha256(payload).hexdigest():
         return None
     with contextlib.suppress(OSError):
-        os.utime(path)  # it is in use
+        os.utime(path)  # marks it as used
     return payload
 
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[bool]:
-    """Claim the making of an entry for this process while the context lasts; False if another process makes it now.
+    """Claim an entry while the context lasts; yield False if another process is making it.
 
-    A claim ends with its process. Where files cannot be locked every process makes its own.
+    A claim ends with its process. Where files cannot be locked, every process makes its own entry.
     """
     lock = path.with_suffix(".lock")
     try:
@@ -112,7 +112,7 @@ def claimed(path: Path) -> Iterator[bool]:
 
 
 def wait_for_claim(path: Path) -> None:
-    """Wait until no other process makes an entry; an interrupt ends the wait."""
+    """Wait until no other process claims an entry; an interrupt ends the wait."""
     while True:
         with claimed(path) as is_free:
             if is_free:
@@ -121,7 +121,7 @@ def wait_for_claim(path: Path) -> None:
 
 
 def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:
-    """Write an entry in one move, for other processes may read or write it now.
+    """Write an entry and rename it into place, because other processes may read or write it.
 
     Raises:
         OSError: it cannot be written.
@@ -137,7 +137,7 @@ def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:
 
 
 def remove_old_entries(folder: Path) -> None:
-    """Remove entries, and drafts of processes that were killed, which nobody has used for KEEP_DAYS."""
+    """Remove entries, and drafts of killed processes, that nobody has used for KEEP_DAYS."""
     before = time.time() - KEEP_DAYS * 86400
     for path in [*folder.glob(f"*{SUFFIX}"), *folder.glob("*.draft")]:
         try:
@@ -152,8 +152,8 @@ def _canonical(value: Mapping[str, Any]) -> bytes:
 
 
 def _distrusted(about: os.stat_result) -> str | None:
-    """Return why a file or folder is not to be trusted, with a place for its name; None if it is."""
-    if not hasattr(os, "geteuid"):  # there the system keeps a user's folders from the others
+    """Return why a file or folder cannot be trusted, with {} for its name; None if it can."""
+    if not hasattr(os, "geteuid"):  # Windows: the system protects a user's folders
         return None
     if about.st_uid != os.geteuid():
         return "{} belongs to another user"

@@ -1,8 +1,8 @@
-"""Executables in a client of their own: a CPU that no setting of the user's JAX reaches.
+"""Executables in their own CPU client, which no setting of the user's JAX affects.
 
-The client runs a program in the thread that asks, so a program may be asked for inside a callback of another one
-without waiting for a free thread, and any number of threads may ask at once. Arrays go in and out as NumPy arrays,
-without a copy where they are aligned.
+The client runs a program in the calling thread. So a callback of one program may call another without waiting for a
+free thread, and any number of threads may call at once. Arrays go in and out as NumPy arrays; aligned ones are not
+copied.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ def _client() -> Any:  # noqa: ANN401 - jaxlib has no types
 
 
 class Executable:
-    """A loaded program: arrays in, NumPy arrays out; any number of threads may call it.
+    """A loaded program, from arrays to NumPy arrays; any number of threads may call it.
 
     Args:
-        payload: what the compiling process has written.
+        payload: as the compiler process has written it.
 
     Raises:
-        Exception: whatever jaxlib raises for a payload that it cannot load.
+        Exception: of any type, from jaxlib, for a payload that it cannot load.
     """
 
     def __init__(self, payload: bytes) -> None:
         self._loaded = _client().deserialize_executable(payload, xla_client.DeviceList(tuple(_devices())))
 
-    def __call__(self, *arrays: npt.NDArray[Any] | OnClient) -> Arrays:
-        """Run the program; arrays must have its shapes and types, and must not change before the call returns."""
-        given = [array.array if isinstance(array, OnClient) else _put(array) for array in arrays]
+    def __call__(self, *arrays: npt.NDArray[Any] | ClientArray) -> Arrays:
+        """Run the program; arrays must have its shapes and dtypes, and must not change before the call returns."""
+        given = [array.array if isinstance(array, ClientArray) else _device_put(array) for array in arrays]
         results = self._loaded.execute_sharded(given).disassemble_into_single_device_arrays()
         return tuple(np.asarray(shards[0]) for shards in results)
 
 
-class OnClient:
-    """An array that executables take again and again without any work; it must not change.
+class ClientArray:
+    """An array of the client, which executables take without any work; it must not change.
 
     Args:
-        array: of any strides.
+        array: with any strides.
     """
 
     def __init__(self, array: npt.NDArray[Any]) -> None:
-        self.array = _put(array)
+        self.array = _device_put(array)
 
 
-def _put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
+def _device_put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
     aval = _aval(array.shape, array.dtype)
-    if array.itemsize == 8:  # without it 64 bits become 32, whatever the aval says
+    if array.itemsize == 8:  # otherwise 64 bits become 32, whatever the aval says
         with jax.enable_x64(True):
             return xla_client.batched_device_put(aval, _sharding(), [array], _devices(), True)
     return xla_client.batched_device_put(aval, _sharding(), [array], _devices(), True)
@@ -82,7 +82,7 @@ def _sharding() -> SingleDeviceSharding:
 
 
 def aligned(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return an array of zeros that an executable takes without a copy."""
+    """Return an array of zeros that executables take without a copy."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.zeros(size + ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % ALIGNMENT
@@ -90,7 +90,7 @@ def aligned(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
 
 
 def aligned_copy(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a copy that an executable takes without another one."""
+    """Return a copy that executables take without another copy."""
     copy = aligned(array.shape, array.dtype)
     copy[:] = array
     return copy

@@ -1,4 +1,4 @@
-"""Compilation in processes of its own, so that compiler options, interrupts and crashes stay there."""
+"""Compilation in separate processes, which keep compiler options, interrupts and crashes to themselves."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.options import xla_flags
 
 WORKER: Final = "iphyre_jax.execution.compilation.worker"
-PATIENCE: Final = 1.5  # s of waiting before anything is said about it
+PATIENCE: Final = 1.5  # s of waiting before progress is shown
 LOOK_EVERY: Final = 0.2  # s
 
-_OURS: Final = ("JAX_", "XLA_", "IPHYRE_JAX_")  # settings of the user's process, which are no settings of a compiler
+_OURS: Final = ("JAX_", "XLA_", "IPHYRE_JAX_")  # settings of the user's process, which must not reach a compiler
 
 
 class CompilationError(RuntimeError):
-    """A program could not be compiled in a process of its own."""
+    """A program could not be compiled in a separate process."""
 
 
 @dataclass(frozen=True)
 class Job:
     """One program to compile."""
 
-    program: object  # as `describe` returned it
+    program: object  # from `describe`
     path: Path
     key: Mapping[str, Any]
     options: Mapping[str, str]  # of the compiler, name -> value
@@ -47,7 +47,7 @@ class CompilerProcess:
         options: compiler options, name -> value.
 
     Raises:
-        CompilationError: it cannot be started, or its compiler refuses the options.
+        CompilationError: it cannot be started, or its compiler rejects the options.
     """
 
     def __init__(self, options: Mapping[str, str]) -> None:
@@ -63,7 +63,7 @@ class CompilerProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 text=True,
-                start_new_session=True,  # Ctrl-C reaches us alone, and we end it
+                start_new_session=True,  # Ctrl-C reaches only us, and we end it
             )
         except OSError as error:
             raise CompilationError(f"no process can be started ({error.strerror})") from None
@@ -109,11 +109,11 @@ class CompilerProcess:
 
     @property
     def runs(self) -> bool:
-        """Whether the process is there."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     def end(self) -> None:
-        """End the process, in the middle of a compilation if need be."""
+        """End the process, even during a compilation."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -122,26 +122,26 @@ class CompilerProcess:
                     pipe.close()
 
 
-_waiting: list[CompilerProcess] = []  # processes with nothing to do; they end by themselves after a while
+_idle: list[CompilerProcess] = []  # idle processes; they end by themselves after a while
 _lock = threading.Lock()
 
 
 @atexit.register
-def end_waiting() -> None:
-    """End the processes that have nothing to do."""
+def end_idle() -> None:
+    """End the idle processes."""
     with _lock:
-        while _waiting:
-            _waiting.pop().end()
+        while _idle:
+            _idle.pop().end()
 
 
 def compile_all(jobs: Sequence[Job], show: Callable[[int, int], None]) -> None:
-    """Compile programs side by side, one process for each core to use, and wait for all of them.
+    """Compile programs side by side, one process for each usable core, and wait for all of them.
 
     An interrupt or an error ends the processes at once.
 
     Args:
-        jobs: what to compile.
-        show: told how many of how many programs are done, from time to time, once waiting takes long.
+        jobs: the programs.
+        show: called with the number of finished programs and of all, from time to time if compilation takes long.
 
     Raises:
         TimeoutError: one took longer than `configure(compile_timeout=...)` allows.
@@ -161,12 +161,12 @@ def compile_all(jobs: Sequence[Job], show: Callable[[int, int], None]) -> None:
             except CompilationError:
                 if process.is_new or process.runs:
                     raise
-                continue  # it had just ended for want of work
+                continue  # it was idle and has just ended
             finally:
                 busy.remove(process)
             process.is_new = False
             with _lock:
-                _waiting.append(process)
+                _idle.append(process)
             return
 
     workers = min(len(jobs), configuration.usable_cores())
@@ -191,12 +191,12 @@ def compile_all(jobs: Sequence[Job], show: Callable[[int, int], None]) -> None:
 
 
 def _processes(options: Mapping[str, str]) -> Iterator[CompilerProcess]:
-    """Yield processes to ask: those with nothing to do, then a new one."""
+    """Yield processes for a job: idle ones, then a new one."""
     while True:
         with _lock:
-            process = next((known for known in _waiting if known.options == options), None)
+            process = next((known for known in _idle if known.options == options), None)
             if process is not None:
-                _waiting.remove(process)
+                _idle.remove(process)
         if process is None:
             break
         if process.runs:

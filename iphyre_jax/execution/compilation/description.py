@@ -1,6 +1,6 @@
-"""Programs as JSON: what one process tells another to compile, and part of the name of a cache entry.
+"""Programs as JSON: for the process that compiles them, and in the key of a cache entry.
 
-A description is data: nothing in it is run, and only dataclasses of this package are made from it.
+A description is data: nothing in it is executed, and only dataclasses of this package are made from it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Json = Any
 
 
 def describe(value: object) -> Json:
-    """Return a dataclass of this package, nested with tuples, numbers, texts and None, as JSON values."""
+    """Return a dataclass of this package as JSON values; it may nest tuples, numbers, strings and None."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         kind = type(value)
         fields = {field.name: describe(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -27,14 +27,14 @@ def describe(value: object) -> Json:
         return [describe(part) for part in value]
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise TypeError(f"expected a dataclass, a tuple, a number, a text or None, got {value!r}")
+    raise TypeError(f"expected a dataclass, a tuple, a number, a string or None, got {value!r}")
 
 
 def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was described
-    """Return what `describe` was given.
+    """Return the value that `describe` has described.
 
     Raises:
-        ValueError: it names a class that is no dataclass of this package.
+        ValueError: it names a class that is not a dataclass of this package.
     """
     if isinstance(description, list):
         return tuple(from_description(part) for part in description)
@@ -49,7 +49,7 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
 
 @cache
 def source_sum(parts: tuple[str, ...]) -> str:
-    """Return a sum over files and folders of the package, so that no program of another version is ever used."""
+    """Return a checksum of files and folders of the package, so that programs of other versions are never used."""
     root = Path(__file__).parents[2]
     total = hashlib.sha256()
     for part in parts:

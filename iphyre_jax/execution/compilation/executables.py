@@ -1,7 +1,7 @@
-"""From a program to something that runs: loaded from memory or the cache folder, or compiled apart and kept there.
+"""Executables of programs: from memory, from the cache folder, or compiled in a separate process and cached.
 
-Where a program cannot be compiled in a process of its own, or this jaxlib cannot load what another process compiled, it
-is compiled here, in the user's process and without our compiler options: one warning says what that costs.
+If a program cannot be compiled in a separate process, or this jaxlib cannot load the result, it is compiled in the
+user's process, without our compiler options. A warning says what that costs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import cache_folder
-from iphyre_jax.execution.compilation.client import Arrays, Executable, OnClient
+from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable
 from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
@@ -32,7 +32,7 @@ from iphyre_jax.execution.programs import Program
 
 Run = Callable[..., Arrays]
 
-KEPT: Final = 512  # loaded programs; the forty games have some dozens
+LOADED: Final = 512  # programs in memory; the forty games have some dozens
 COST: Final = "steps may take 40 times as long"
 
 _loaded: dict[Program, Run] = {}
@@ -41,14 +41,14 @@ _lock = threading.Lock()
 
 
 def executable(program: Program) -> Run:
-    """Return a program that can be called with NumPy arrays, compiled first if it must be."""
+    """Return a program as a function of NumPy arrays; it is compiled if necessary."""
     while (run := _loaded.get(program)) is None:
         prepare([program])
     return run
 
 
 def prepare(programs: Sequence[Program]) -> None:
-    """Load programs, and compile those that are in no cache side by side.
+    """Load programs, and compile those that are not cached, side by side.
 
     Raises:
         TimeoutError: one took longer than `configure(compile_timeout=...)` allows.
@@ -80,13 +80,13 @@ def _load_or_compile(programs: Sequence[Program]) -> None:
 
 def _keep(program: Program, run: Run) -> None:
     with _lock:
-        while len(_loaded) >= KEPT:
+        while len(_loaded) >= LOADED:
             del _loaded[next(iter(_loaded))]
         _loaded[program] = run
 
 
 def _load_all(programs: Sequence[Program], folder: Path) -> None:
-    """Load programs; each that is missing is compiled by one process, while others that want it wait."""
+    """Load programs. One process compiles a missing program, while others that need it wait."""
     entries = {program: _entry(program, folder) for program in programs}
     left = [program for program in programs if not _load(program, *entries[program])]
     while left:
@@ -111,43 +111,43 @@ def _compile_all(
     except CompilationError as error:
         problem = str(error)
     else:
-        problem = "what was compiled cannot be loaded"
+        problem = "the compiled program cannot be loaded"
     finally:
         _clear()
     for program in missing:
         if not _load(program, *entries[program]):
             text = f"programs are compiled in this process, without compiler options ({problem}); {COST}"
             warnings.warn(text, RuntimeWarning, stacklevel=4)
-            _keep(program, _plain(program))
+            _keep(program, run_in_jax(program.run, program.dtype))
 
 
 def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:
-    """Load an entry of the cache; whether that went well."""
+    """Load an entry of the cache; return whether it succeeded."""
     payload = cache_folder.read_entry(path, key)
     if payload is None:
         return False
     try:
         run = Executable(payload)
-    except Exception:  # what another jaxlib wrote, or one without the calls that are used here
+    except Exception:  # another jaxlib wrote it, or this one lacks the calls that load it
         return False
     _keep(program, run)
     return True
 
 
-def _plain(program: Program) -> Run:
-    """Compile a program in this process."""
-    run = jax.jit(program.run)
+def run_in_jax(function: Callable[..., tuple[jax.Array, ...]], dtype: str) -> Run:
+    """Return a traced function as a function of NumPy arrays, compiled by the user's JAX."""
+    run = jax.jit(function)
 
-    def call(*arrays: np.ndarray[Any, Any] | OnClient) -> Arrays:
-        given = [np.asarray(array.array) if isinstance(array, OnClient) else array for array in arrays]
-        with jax.enable_x64(program.dtype == "float64"):
+    def call(*arrays: np.ndarray[Any, Any] | ClientArray) -> Arrays:
+        given = [np.asarray(array.array) if isinstance(array, ClientArray) else array for array in arrays]
+        with jax.enable_x64(dtype == "float64"):
             return tuple(np.asarray(result) for result in run(*given))
 
     return call
 
 
 def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
-    """Return path and key of a program's entry: all that decides which machine code is right."""
+    """Return path and key of a program's entry; the key is everything that determines the machine code."""
     key = {
         "program": describe(program),
         "source": source_sum(program.sources),
@@ -161,7 +161,7 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
 
 @cache
 def _machine() -> str:
-    """Return what tells apart machines that cannot run each other's code: the processor's features."""
+    """Return the features of the processor: machines that differ in them cannot share machine code."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -175,7 +175,7 @@ _shown = threading.local()
 
 
 def _show(done: int, total: int) -> None:
-    """Say how far compilation is, in a line of the terminal that is cleared at the end."""
+    """Show the progress of compilation in a line of the terminal, which `_clear` removes."""
     if sys.stderr is not None and sys.stderr.isatty():
         _shown.line = f"compiling {min(done + 1, total)} of {total} programs"
         print(f"\r{_shown.line}", end="", file=sys.stderr, flush=True)

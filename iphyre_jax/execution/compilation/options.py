@@ -1,27 +1,27 @@
-"""The compiler options that make the step fast, set in processes that do nothing but compile.
+"""The compiler options that make the step fast, set only in processes that do nothing but compile.
 
-They are options of the compiler, not of the physics: a program computes the same with other options, slower. Some make
-jaxlib 0.10.2 abort on ordinary programs (scatters in loops), which is one reason why no user's process has them.
+They change the speed of a program, not its results. Some make jaxlib 0.10.2 abort on ordinary programs (scatters in
+loops), which is one reason why no user's process has them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-# Names that begin with "-" go to LLVM, one with "--" is a flag of its own. Nothing else in the project names an option.
+# Names with "-" go to LLVM, those with "--" are separate flags. Nothing else in the project names an option.
 OPTIONS: Mapping[str, str] = {
-    # One loop for several results, instead of one loop for each that computes again what they share.
+    # One loop for several results, instead of one for each that repeats what they share.
     "xla_cpu_use_multi_output_fusion": "true",
-    # A loop that carries less than so many bytes becomes one function, instead of a call for each operation in it. A
-    # group's play carries up to 2 MiB in float32; with 1 MiB the hardest games run at two thirds of the speed.
+    # A loop that carries fewer bytes becomes one function, instead of a call for each operation. A group of worlds
+    # carries up to 2 MiB in float32; with a threshold of 1 MiB the hardest games run at two thirds of the speed.
     "xla_cpu_small_while_loop_byte_threshold": "67108864",
     # LLVM compares more pairs of arrays before it gives up vectorising a loop with many results.
     "-vectorize-memory-check-threshold": "100000",
-    # The widest vectors there are, bits; by default half of what AVX-512 has. No effect on machines without it.
+    # The widest vectors, bits; the default is half of AVX-512. No effect on machines without it.
     "--xla_cpu_prefer_vector_width": "512",
 }
-# What LLVM would not do by itself where lanes are few: it fears that the checks whether arrays overlap cost more than
-# vectors save, and writes out copies of rows number by number. With 128 lanes these options cost 5 to 10 %.
+# For few lanes. LLVM would not vectorise, because it estimates that its checks for overlapping arrays cost more than
+# vectors save, and it would unroll copies of rows. With 128 lanes these options cost 5 to 10 %.
 FEW_LANES: Mapping[str, str] = {"-force-vector-width": "16", "-unroll-full-max-count": "8"}
 MANY = 128
 _EXTRA = "--xla_backend_extra_options="

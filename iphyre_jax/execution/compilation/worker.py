@@ -1,8 +1,8 @@
-"""The process that compiles programs for others: `python -m iphyre_jax.execution.compilation.worker`.
+"""The process that compiles programs: `python -m iphyre_jax.execution.compilation.worker`.
 
 It reads one request a line, {"program": description, "path": file, "key": values}, writes the executable into the file
 as an entry of the cache, and answers with one line, {} or {"error": text}. Its compiler options come from XLA_FLAGS. It
-ends when its input does, also in the middle of a compilation, or when nothing is asked for a while.
+ends when its input ends, even during a compilation, or when no request comes for a while.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from iphyre_jax.execution.programs import Program
 IDLE_SECONDS: Final = 60.0
 
 
-def compiled(program: Program) -> bytes:
+def compile_program(program: Program) -> bytes:
     """Return the executable of a program, serialised."""
     with jax.enable_x64(program.dtype == "float64"):
         lowered = jax.jit(program.run, keep_unused=True).lower(*program.arguments())
@@ -39,8 +39,8 @@ def _answer(line: str) -> dict[str, Any]:
         program = from_description(request["program"])
         if source_sum(program.sources) != request["key"]["source"]:
             return {"error": "the package's files have changed since this process started"}
-        write_entry(Path(request["path"]), request["key"], compiled(program))
-    except Exception as error:  # whatever it is, the process that asked must hear of it
+        write_entry(Path(request["path"]), request["key"], compile_program(program))
+    except Exception as error:  # of any type: the asking process must learn of it
         return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
     return {}
 
@@ -48,15 +48,15 @@ def _answer(line: str) -> dict[str, Any]:
 def main() -> None:
     """Answer requests until the input ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
     requests: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def read() -> None:
         for line in sys.stdin:
             requests.put(line)
-        os._exit(0)  # nobody waits for an answer any more
+        os._exit(0)  # nobody waits for an answer
 
-    jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # a compiler that does not know an option ends the process here
+    jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # an unknown option ends the process here
     print("{}", file=answers, flush=True)
     threading.Thread(target=read, daemon=True).start()
     while True:

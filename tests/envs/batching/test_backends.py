@@ -45,14 +45,14 @@ def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
     """Play actions (T, B, ...) in a scan; all that is ever told."""
     keys = jax.random.split(jax.random.key(0), actions.shape[:2])
     games = jnp.arange(actions.shape[1], dtype=jnp.int32) % params.games
-    seen, state = jax.vmap(env.reset_to, in_axes=(0, None))(games, params)
+    obs, state = jax.vmap(env.reset_to, in_axes=(0, None))(games, params)
 
     def turn(state: Any, given: Any) -> Any:
         out = jax.vmap(env.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)
         now = jax.vmap(env.observe, in_axes=(0, None))(out[1], params)
         return out[1], (out[0], *out[2:], now, jax.vmap(env.info, in_axes=(0, None))(out[1], params))
 
-    return seen, jax.lax.scan(turn, state, (keys, actions))[1]
+    return obs, jax.lax.scan(turn, state, (keys, actions))[1]
 
 
 @pytest.mark.slow
@@ -82,9 +82,9 @@ def test_any_form_of_batch_gives_the_same(two: str) -> None:
     key = jax.random.key(0)
 
     def play(game: jax.Array, action: jax.Array, params: EnvParams) -> Any:
-        seen, state = env.reset_to(game, params)
+        obs, state = env.reset_to(game, params)
         out = env.step(key, state, action, params)
-        return seen, out[0], out[2:], env.step(key, out[1], action, params)[0]
+        return obs, out[0], out[2:], env.step(key, out[1], action, params)[0]
 
     expected = jax.vmap(play, in_axes=(0, 0, None))(games, actions, params)
 
@@ -99,8 +99,8 @@ def test_any_form_of_batch_gives_the_same(two: str) -> None:
     assert_same(jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested))
     own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
     assert_same(jax.jit(jax.vmap(play))(games, actions, own))
-    alone = [env.alone(params, int(game))[1] for game in games[:2]]
-    assert alone[0].games == 1
+    one_game = [env.one_game(params, int(game))[1] for game in games[:2]]
+    assert one_game[0].games == 1
     with jax.disable_jit():
         assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
 

@@ -19,20 +19,20 @@ COUNTERS = ("success", "fault", "eliminations", "time")
 @pytest.fixture(scope="module")
 def two() -> str:
     iphyre_jax.register("unrolled-v1", ["support", "pendulum"])
-    with pytest.raises(ValueError, match="name: expected one that is free"):
+    with pytest.raises(ValueError, match="name: expected a free name"):
         iphyre_jax.register("unrolled-v1", ["support"])
     return "unrolled-v1"
 
 
-def hasty(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+def hasty(weights: jax.Array, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, Any]:
     """Choose a slot now and then."""
     action = jax.random.randint(key, (), 0, 7, jnp.int32)
-    return jnp.where(jax.random.uniform(key) < weights, action, 0), {"seen": seen}
+    return jnp.where(jax.random.uniform(key) < weights, action, 0), {"seen": obs}
 
 
-def early(weights: jax.Array, key: jax.Array, seen: jax.Array) -> tuple[jax.Array, Any]:
+def early(weights: jax.Array, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, Any]:
     """Plan anything."""
-    return jax.random.uniform(key, (6,)) * weights, {"seen": seen}
+    return jax.random.uniform(key, (6,)) * weights, {"seen": obs}
 
 
 def stepped(env: Any, params: Any, games: jax.Array, actions: jax.Array) -> Any:
@@ -50,17 +50,17 @@ def stepped(env: Any, params: Any, games: jax.Array, actions: jax.Array) -> Any:
             )
         return going[1], (going[0], *out[2:])
 
-    seen, state = jax.vmap(still.reset_to, in_axes=(0, None))(games, params)
-    return seen, jax.jit(lambda state: jax.lax.scan(one, state, actions)[1])(state)
+    obs, state = jax.vmap(still.reset_to, in_axes=(0, None))(games, params)
+    return obs, jax.jit(lambda state: jax.lax.scan(one, state, actions)[1])(state)
 
 
 def assert_same(env: Any, params: Any, batch: Batch, after: Batch, steps: Steps) -> None:
-    seen, (later, reward, terminated, truncated, info) = stepped(env, params, batch.game, steps.action)
+    obs, (later, reward, terminated, truncated, info) = stepped(env, params, batch.game, steps.action)
     np.testing.assert_array_equal(steps.terminated, terminated)
     np.testing.assert_array_equal(steps.truncated, truncated)
     np.testing.assert_allclose(steps.reward, reward, rtol=1e-6, atol=1e-4)
-    np.testing.assert_allclose(steps.extras["seen"], jnp.concatenate([seen[None], later[:-1]]), atol=1e-6)
-    np.testing.assert_allclose(after.seen, later[-1], atol=1e-6)
+    np.testing.assert_allclose(steps.extras["seen"], jnp.concatenate([obs[None], later[:-1]]), atol=1e-6)
+    np.testing.assert_allclose(after.obs, later[-1], atol=1e-6)
     for name in COUNTERS:
         np.testing.assert_allclose(steps.info[name], info[name], rtol=1e-6)
 

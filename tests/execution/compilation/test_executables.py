@@ -168,7 +168,7 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
     del folder
     expected = simulate("hole", PLAN, fps=10, duration=1)
     monkeypatch.setattr(executables, "_loaded", {})
-    compiler.end_waiting()
+    compiler.end_idle()
     if how == "no process":
         monkeypatch.setattr(compiler.sys, "executable", "/nowhere/python")
         monkeypatch.setattr(executables, "options_for", lambda lanes: {"another": "key"})

@@ -1,9 +1,9 @@
-"""What an agent sees of many worlds at once, put together by the host.
+"""Observations of many worlds, assembled by the host.
 
-Most of an observation never changes: the rows of what does not move depend on the game and on which blocks are left,
-and are kept for every set of blocks that was met. Each observation is a copy of such a row, into which what the
-executables tell of the moving bodies is written. It agrees with `observations.observe`, which programs without the host
-use.
+Most of an observation never changes: the rows of objects that do not move depend on the game and on the blocks that are
+present. They are cached for every set of present blocks that occurs. An observation is a copy of such a row, with the
+moving bodies, as the executables return them, written over it. `observations.vectors.observe` gives the same numbers
+inside a program.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batching.status import FAULT, GAME, STANDING, STEP
-from iphyre_jax.envs.batching.step_program import SHOWN
+from iphyre_jax.envs.batching.status import FAULT, GAME, PRESENT, STEP
+from iphyre_jax.envs.batching.step_program import BODY_OBS
 from iphyre_jax.execution.layout import pieces, void
 from iphyre_jax.observations.features import Features, motion_size, rows_size
 from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, pair_number
 from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 
-KEPT: Final = 65_536  # rows of what does not move; half a kilobyte each
+CACHED: Final = 65_536  # rows; half a kilobyte each
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.signedinteger[Any]]
 
 
-class HostViews:
+class HostObservations:
     """Observations of the games of one table.
 
     Args:
-        features: of the games, NumPy arrays with an axis for them in front.
-        observation: what is seen, see `observations`.
-        no_op: whether a candidate that does nothing stands before the blocks'.
+        features: of the games, NumPy arrays with an axis for the games in front.
+        observation: "official" or "motion".
+        no_op: whether a candidate that does nothing stands before those of the blocks.
     """
 
     def __init__(self, features: Features, observation: ObservationName, *, no_op: bool) -> None:
         self._features, self._motion, self._no_op = features, observation == "motion", no_op
-        games, objects = np.shape(features.seen)[:2]
+        games, objects = np.shape(features.obs_rows)[:2]
         slots = np.shape(features.slot_object)[1]
         self.size = observation_size(observation, objects, slots + no_op)
         self._rows = rows_size(objects)
@@ -47,53 +47,56 @@ class HostViews:
         self._powers = np.left_shift(np.uint64(1), np.arange(slots, dtype=np.uint64))
         self._lock = threading.Lock()
         self._games = games
-        self._forget()
+        self._clear()
 
-    def write(self, out: Floats, status: Ints, shown: Floats, steps: int) -> None:
-        """Fill in observations.
+    def write(self, out: Floats, status: Ints, body_obs: Floats, steps: int) -> None:
+        """Write observations.
 
         Args:
             out: (B, size), contiguous.
-            status: (B, words) as of `status_rows`.
-            shown: (B, 7 n) as of `EnvStep.shown`, filled up.
-            steps: of a whole episode, the unit of the time.
+            status: (B, words), see `status_rows`.
+            body_obs: (B, 7 n), see `EnvStep`; padded.
+            steps: physics steps of a whole episode, the unit of the time.
         """
         game, step, fault = status[:, GAME], status[:, STEP], status[:, FAULT]
         with self._lock:
-            ids = self._ids(game, status[:, STANDING : STANDING + len(self._powers)] != 0)
-            kept = self._kept
-        pieces(out, 0, self.size)[:] = pieces(kept, 0, self.size)[ids]
+            ids = self._ids(game, status[:, PRESENT : PRESENT + len(self._powers)] != 0)
+            cached = self._cached
+        pieces(out, 0, self.size)[:] = pieces(cached, 0, self.size)[ids]
         broken = np.flatnonzero(fault == FAULT_NOT_FINITE)
         out[broken, : self._rows] = 0
         start = np.arange(len(out)) * self.size
         for body in range(self._mover.shape[1]):
             mover = self._mover[game, body]
             rows = None if (mover >= 0).all() else np.flatnonzero(mover >= 0)
-            self._write_body(out, start, mover, rows, shown, SHOWN * body)
+            self._write_body(out, start, mover, rows, body_obs, BODY_OBS * body)
         if self._motion:
             out[:, -1] = step.astype(np.float32) * (1 / np.float32(steps))
             out[broken, -1] = 0
 
-    def _write_body(self, out: Floats, start: Ints, mover: Ints, rows: Ints | None, shown: Floats, column: int) -> None:
-        """Write ends and speeds of one moving body of each world, those of `rows` only, as pieces of memory."""
+    def _write_body(
+        self, out: Floats, start: Ints, mover: Ints, rows: Ints | None, body_obs: Floats, column: int
+    ) -> None:
+        """Write ends and speeds of one moving body of each world, or of the worlds `rows` only."""
         parts = [(4, COLUMNS, 0, column)]
         if self._motion:
             parts.append((3, 3, self.size - motion_size(self._rows // COLUMNS), column + 4))
         for width, stride, first, source in parts:
             where = start + (first + stride * mover)
-            what = _windows(shown, width)[source :: shown.shape[1]]
+            what = _windows(body_obs, width)[source :: body_obs.shape[1]]
             if rows is None:
                 _windows(out, width)[where] = what
             else:
                 _windows(out, width)[where[rows]] = what[rows]
 
-    def _forget(self) -> None:
-        self._masks = np.zeros(0, np.uint64)  # sets of blocks that were met, sorted
-        self._id = np.zeros((self._games, 0), np.intp)  # row of a game and a set; -1 for none
-        self._kept = np.zeros((0, self.size), np.float32)
+    def _clear(self) -> None:
+        """Drop the cached rows."""
+        self._masks = np.zeros(0, np.uint64)  # sets of present blocks so far, as bits, sorted
+        self._id = np.zeros((self._games, 0), np.intp)  # cached row of a game and a set; -1 for none
+        self._cached = np.zeros((0, self.size), np.float32)
 
     def _ids(self, game: Ints, present: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-        """Return the kept row of each world, made first if it must be."""
+        """Return the cached row of each world; missing ones are made."""
         masks = (present * self._powers).sum(axis=1, dtype=np.uint64)
         column = np.searchsorted(self._masks, masks)
         if not len(self._masks) or (self._masks[np.minimum(column, len(self._masks) - 1)] != masks).any():
@@ -105,30 +108,30 @@ class HostViews:
         ids = self._id[game, column]
         if ids.size and ids.min() < 0:
             self._make(np.unique(np.stack([game, column])[:, ids < 0], axis=1).T.tolist())
-            if len(self._kept) > KEPT:
-                self._forget()
+            if len(self._cached) > CACHED:
+                self._clear()
                 return self._ids(game, present)
             ids = self._id[game, column]
         return ids
 
     def _make(self, missing: list[list[int]]) -> None:
-        """Make the rows of games and sets of blocks."""
+        """Make the rows of pairs of a game and a set of blocks."""
         rows = [self._row(game, (self._masks[column] & self._powers) != 0) for game, column in missing]
         for k, (game, column) in enumerate(missing):
-            self._id[game, column] = len(self._kept) + k
-        self._kept = np.concatenate([self._kept, np.stack(rows)])
+            self._id[game, column] = len(self._cached) + k
+        self._cached = np.concatenate([self._cached, np.stack(rows)])
 
-    def _row(self, game: int, present: npt.NDArray[np.bool_]) -> Floats:
-        """Return the observation of a game with some blocks left; what moves is written over it."""
+    def _row(self, game: int, present_slots: npt.NDArray[np.bool_]) -> Floats:
+        """Return the observation of a game with some blocks present, before moving bodies are written over it."""
         features = self._features
-        table = np.array(features.seen[game], np.float32)
-        there = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
-        for block, stands in zip(np.asarray(features.slot_object)[game], present, strict=True):
-            if block >= 0 and not stands:
-                there[block] = False
+        table = np.array(features.obs_rows[game], np.float32)
+        present = table[:, LENGTH_COLUMNS - 1] > 0  # the radius
+        for block, is_present in zip(np.asarray(features.slot_object)[game], present_slots, strict=True):
+            if block >= 0 and not is_present:
+                present[block] = False
         for column, pairs in ((7, features.joints), (8, features.springs)):
-            table[:, column] = pair_number(np.asarray(pairs)[game], there, np) > 0
-        table[~there] = 0
+            table[:, column] = pair_number(np.asarray(pairs)[game], present) > 0
+        table[~present] = 0
         row = np.zeros(self.size, np.float32)
         row[: self._rows] = table.reshape(-1)
         first = self._rows + 2 * self._no_op
@@ -138,5 +141,5 @@ class HostViews:
 
 
 def _windows(table: Floats, width: int) -> npt.NDArray[np.void]:
-    """Return every stretch of so many numbers of a contiguous table as a single value; they overlap."""
+    """Return every run of so many numbers of a contiguous table as a single value; the runs overlap."""
     return np.ndarray((table.size - width + 1,), void(width * table.itemsize), table, 0, (table.itemsize,))
