@@ -105,5 +105,5 @@ def _row(scene: Scene, moment: Floats, view: StepView) -> list[float]:
         float(len(balls)),
         *(float(balls.count(number)) for number in (2, 1, 0)),
         float(view.impulses[:, 0].sum()),
-        float(np.max(-view.distance, initial=0.0)),
+        float(np.max(-view.separation, initial=0.0)),
     ]

@@ -22,7 +22,7 @@ COUNTER_START = 256  # counters of the first insertions lie below
 STATIC_RANKS = 64  # more static bars than a scene can have
 
 
-class Counters:
+class OrderKeyLayout:
     """Widths of the fields of counters and order keys, from the number of moving bodies.
 
     counter = start + step * per_step + rank * per_rank + place; key = (owner's rank, place in the owner's list, second
@@ -41,7 +41,7 @@ class Counters:
 
 def max_steps(topology: Topology) -> int:
     """Return how many steps an episode of a topology may have: more would not fit the counters."""
-    return Counters(topology.moving).max_steps
+    return OrderKeyLayout(topology.moving).max_steps
 
 
 def overlap(a: Box, b: Box) -> jax.Array:
@@ -79,8 +79,8 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     """
     outside = ~contains(broad.fat, box)
     fat = jax.tree.map(lambda new, old: jnp.where(outside, new, old), grow(box, velocity), broad.fat)
-    counters = Counters(topology.moving)
-    base = COUNTER_START + step * counters.per_step
+    layout = OrderKeyLayout(topology.moving)
+    base = COUNTER_START + step * layout.per_step
     if topology.moving == 1:
         inserted = jnp.where(outside, jnp.expand_dims(base, 0), broad.inserted)
         return BroadPhase(fat, broad.path, broad.depth, inserted, broad.pair_counter, outside)
@@ -88,8 +88,8 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     def reinsert(_: None) -> BroadPhase:
         path, depth = _move_leaves(topology, world, broad, fat, outside)
         rank = ranks(path)
-        inserted = jnp.where(outside, jnp.expand_dims(base, 0) + rank * counters.per_rank, broad.inserted)
-        pair_counter = _count_pairs(topology, counters, base, path, rank, outside, broad.pair_counter)
+        inserted = jnp.where(outside, jnp.expand_dims(base, 0) + rank * layout.per_rank, broad.inserted)
+        pair_counter = _count_pairs(topology, layout, base, path, rank, outside, broad.pair_counter)
         return BroadPhase(fat, path, depth, inserted, pair_counter, outside)
 
     def keep(_: None) -> BroadPhase:
@@ -112,7 +112,7 @@ def _bit_length(value: jax.Array) -> jax.Array:
 
 def _count_pairs(
     topology: Topology,
-    counters: Counters,
+    layout: OrderKeyLayout,
     base: jax.Array,
     path: jax.Array,
     rank: jax.Array,
@@ -128,8 +128,8 @@ def _count_pairs(
         i_low = rank[i] < rank[j]
         by_i = jnp.where(i_low, outside[i], ~outside[j])
         mine, other = jnp.where(by_i, rank[i], rank[j]), jnp.where(by_i, rank[j], rank[i])
-        place = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * counters.moving + other
-        rows.append(jnp.where(outside[i] | outside[j], base + mine * counters.per_rank + place, old[p]))
+        place = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * layout.moving + other
+        rows.append(jnp.where(outside[i] | outside[j], base + mine * layout.per_rank + place, old[p]))
     return jnp.stack(rows)
 
 
@@ -227,7 +227,7 @@ def _proximity(a: Box, b: Box) -> jax.Array:
 
 
 @dataclass(frozen=True)
-class Order:
+class OrderKeys:
     """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Always even."""
 
     static: jax.Array  # (n, S) int32, pairs of a moving body and a static bar
@@ -241,13 +241,13 @@ class Order:
         return jnp.concatenate([*(self.moving[p][None] for p in pairs), self.static[body]])
 
 
-def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
+def order(topology: Topology, world: World, broad: BroadPhase) -> OrderKeys:
     """Return the order keys of all pairs.
 
     The body of the higher rank owns a pair of moving bodies. On the step of its owner's re-insertion static bars come
     by rank, then moving bodies, and the owner is a; otherwise the pair inserted last comes first and the owner is b.
     """
-    c = Counters(topology.moving)
+    c = OrderKeyLayout(topology.moving)
     rank = ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
     place = lanes.iota(topology.num_static, rank[0])[None]
     inserted, updated = broad.inserted[:, None], broad.updated[:, None]
@@ -264,4 +264,4 @@ def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
         moving.append(((owner << c.inner_bits) | inner) << 1)
         low_is_a.append(i_owns == fresh)
         by_owner.append(fresh)
-    return Order(static, tuple(moving), tuple(low_is_a), tuple(by_owner))
+    return OrderKeys(static, tuple(moving), tuple(low_is_a), tuple(by_owner))

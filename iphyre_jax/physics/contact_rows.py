@@ -21,11 +21,11 @@ from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate, ro
 
 
 @dataclass(frozen=True)
-class Form:
+class ContactLayout:
     """What the arms of a contact consist of; static."""
 
     signs: bool  # False: only one body moves, which is always the first
-    across: tuple[bool, ...]  # for each moving body whether its arm has a second component
+    has_tangent_arm: tuple[bool, ...]  # for each moving body whether its arm has a second component
 
 
 @dataclass(frozen=True)
@@ -64,29 +64,29 @@ class Contact:
         return lanes.stack([*own, *self.sign, *arms])
 
 
-def form(bars: int, moving: int, *, exact: bool) -> Form:
+def form(bars: int, moving: int, *, exact: bool) -> ContactLayout:
     """Return the form of the contacts of a world with so many moving bars and bodies; exact: rounded as the reference.
 
     Only of a ball's arm in the contact's frame is the second component zero.
     """
-    return Form(moving > 1, tuple(exact or body < bars for body in range(moving)))
+    return ContactLayout(moving > 1, tuple(exact or body < bars for body in range(moving)))
 
 
-def form_of(world: World) -> Form:
+def layout_of(world: World) -> ContactLayout:
     """Return the form of a world's contacts."""
     return form(world.bar_a.x.shape[0], world.start.x.shape[0], exact=rounds_as_reference(world.start))
 
 
-def fields(of: Form) -> int:
+def fields(of: ContactLayout) -> int:
     """Return how many numbers a packed contact has."""
-    return 6 + len(of.across) * (1 + of.signs) + sum(of.across)
+    return 6 + len(of.has_tangent_arm) * (1 + of.signs) + sum(of.has_tangent_arm)
 
 
-def unpack_contact(packed: jax.Array, of: Form, axis: int = 0) -> Contact:
+def unpack_contact(packed: jax.Array, of: ContactLayout, axis: int = 0) -> Contact:
     """Return a packed contact, or with axis 1 a whole table of them, by the names of its fields."""
     n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(fields(of))]
-    signs, arms = [n.pop(6) for _ in of.across if of.signs], n[6:]
-    vectors = [Arm(arms.pop(0), arms.pop(0) if across else None) for across in of.across]
+    signs, arms = [n.pop(6) for _ in of.has_tangent_arm if of.signs], n[6:]
+    vectors = [Arm(arms.pop(0), arms.pop(0) if has_tangent_arm else None) for has_tangent_arm in of.has_tangent_arm]
     return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], tuple(signs), tuple(vectors))
 
 

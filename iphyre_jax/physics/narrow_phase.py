@@ -31,7 +31,7 @@ from iphyre_jax.physics.vector import (
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Touch:
+class ManifoldPoint:
     """One possible contact point."""
 
     touching: jax.Array  # bool
@@ -43,14 +43,14 @@ class Touch:
 
 def circle_circle(
     centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array, first_is_a: jax.Array
-) -> Touch:
+) -> ManifoldPoint:
     """Return the contact of two balls. With one centre they are pushed apart along x, from role a to role b."""
     delta, reach = centre_b - centre_a, radius_a + radius_b
     right = _signed(jnp.ones_like(delta.x), first_is_a)
     return _round_contact(centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(right, jnp.zeros_like(right)))
 
 
-def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
+def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> ManifoldPoint:
     """Return the contact of a ball and a bar: the ball against the nearest point of the core line."""
     along = bar.b - bar.a
     t = clamp01(dot(along, centre - bar.a) / dot(along, along))
@@ -61,19 +61,21 @@ def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
 
 def _round_contact(
     p: Vec, radius_p: jax.Array, q: Vec, radius_q: jax.Array, delta: Vec, reach: jax.Array, if_coincident: Vec
-) -> Touch:
+) -> ManifoldPoint:
     """Return the contact of two discs around p and q, `delta` = q - p."""
     square = dot(delta, delta)
     distance = rounded(jnp.sqrt(square))
     apart = distance != 0
     normal = where(apart, delta * (1.0 / jnp.where(apart, distance, 1)), if_coincident)
     touching = square < product(reach, reach)
-    return Touch(touching, normal, p + normal * radius_p, q + normal * -radius_q, jnp.zeros_like(touching, jnp.int32))
+    return ManifoldPoint(
+        touching, normal, p + normal * radius_p, q + normal * -radius_q, jnp.zeros_like(touching, jnp.int32)
+    )
 
 
 def segment_segment(
     one: Segment, two: Segment, first_is_a: jax.Array, start: jax.Array | None
-) -> tuple[tuple[Touch, Touch], jax.Array | None]:
+) -> tuple[tuple[ManifoldPoint, ManifoldPoint], jax.Array | None]:
     """Return the two possible contact points of two bars, in the reference's order for roles (one, two).
 
     Exchanging the bars flips the normal and exchanges the points.
@@ -162,7 +164,9 @@ def _signed(value: jax.Array, positive: jax.Array) -> jax.Array:
     return jnp.where(positive, value, -value)
 
 
-def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: jax.Array) -> tuple[Touch, Touch]:
+def _clip(
+    one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: jax.Array
+) -> tuple[ManifoldPoint, ManifoldPoint]:
     """Return the contact points where the bars' facing sides overlap along the contact.
 
     The reference computes from role a to b; in the exchanged roles all lengths along the contact change their signs,
@@ -178,11 +182,11 @@ def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: 
     out = normal * jnp.array(BAR_RADIUS, normal.x.dtype)
     end_one, end_two = flip_one.astype(jnp.int32), flip_two.astype(jnp.int32)
 
-    def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> Touch:
+    def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> ManifoldPoint:
         on_one = out + lerp(one_a, one_b, clamp01(product(u_two - u_one_a, scale_one)))
         on_two = -out + lerp(two_a, two_b, clamp01(product(u_one - u_two_a, scale_two)))
         touching = near & (dot(on_two - on_one, normal) <= 0)
-        return Touch(touching, normal, on_one, on_two, point_id)
+        return ManifoldPoint(touching, normal, on_one, on_two, point_id)
 
     first = point(u_two_b, u_one_a, 2 * end_one + (1 - end_two))
     second = point(u_two_a, u_one_b, 2 * (1 - end_one) + end_two)

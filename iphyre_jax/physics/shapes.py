@@ -38,7 +38,7 @@ class Bar:
 
     segment: Segment
     centre: Vec  # px
-    residue: Vec | None  # px, belongs to the centre; None in float64
+    compensation: Vec | None  # px, belongs to the centre; None in float64
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Ball:
 
     centre: Vec  # px
     radius: jax.Array  # px
-    residue: Vec | None
+    compensation: Vec | None
 
 
 def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
@@ -56,12 +56,12 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
     angle, centre = state.angle[:m], state.position[:m]
     turn = Vec(jnp.cos(angle), jnp.sin(angle))
 
-    def place(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
+    def turned(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
         x = product(turn.x, local.x) + product(-turn.y, local.y)
         y = product(turn.y, local.x) + product(turn.x, local.y)
         return Vec(x, y)
 
-    moving = Segment(place(world.bar_a), place(world.bar_b), place(world.bar_normal))
+    moving = Segment(turned(world.bar_a), turned(world.bar_b), turned(world.bar_normal))
     static = Segment(world.static_a, world.static_b, world.static_normal)
     in_world = _join(shifted(moving, centre), static)
     bar_centre = _join(centre, world.static_centre)
@@ -72,7 +72,7 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
     if not rounds_as_reference(centre):
         bars = _join(moving, shifted(static, -world.static_centre))
         still = jax.tree.map(jnp.zeros_like, world.static_centre)
-        of_bars, of_balls = _xy(_join(state.residue[:m], still)), _xy(state.residue[m:])
+        of_bars, of_balls = _xy(_join(state.position_compensation[:m], still)), _xy(state.position_compensation[m:])
     return Shapes(
         bars=lanes.stack([*_xy(bars.a), *_xy(bars.b), *_xy(bars.normal), *_xy(bar_centre), *of_bars], axis=1),
         balls=lanes.stack([*_xy(balls), world.radius, *of_balls], axis=1),
@@ -116,4 +116,4 @@ def _bar_box(segment: Segment) -> Box:
 
 def moving_boxes(topology: Topology, shapes: Shapes) -> Box:
     """Return the exact boxes of the moving bodies, bars first."""
-    return _join(jax.tree.map(lambda side: side[: topology.bars], shapes.bar_box), shapes.ball_box)
+    return _join(jax.tree.map(lambda edge: edge[: topology.bars], shapes.bar_box), shapes.ball_box)

@@ -12,14 +12,14 @@ from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTIO
 from iphyre_jax.physics.contact_rows import (
     Arm,
     Contact,
-    Form,
+    ContactLayout,
     apply_impulse,
     fields,
-    form_of,
+    layout_of,
     relative_velocity,
     unpack_contact,
 )
-from iphyre_jax.physics.contacts import STATIC_BODY, Point, Points, unpack
+from iphyre_jax.physics.contacts import STATIC_BODY, ContactPoint, ContactTable, unpack
 from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
 
@@ -31,7 +31,7 @@ FEW_SLOTS = 2  # so few are written out, without a loop over slots
 class Contacts:
     """The contact points of a step in solve order, (K,) rows."""
 
-    points: Points
+    points: ContactTable
     fixed: jax.Array  # (K, fields), see `contact_point.Contact`
     impulses: jax.Array  # (K, 3) accumulated: normal, tangent, bias, px/s
     continuing: jax.Array  # (K,) bool, touched in the step before
@@ -39,7 +39,7 @@ class Contacts:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class _Recalled:
+class CachedImpulses:
     """What the cache has told of a contact point so far."""
 
     found: jax.Array  # bool, its pair touched in a step looked at
@@ -48,26 +48,26 @@ class _Recalled:
     tangent: jax.Array
 
 
-def recall(cache: Cache, point: jax.Array) -> _Recalled:
+def read_cache(cache: Cache, point: jax.Array) -> CachedImpulses:
     """Return what is known of a contact point from the last three steps.
 
     The newest step in which the pair touched counts, even if this very point is not in it; the last equal point wins.
     Impulses that are two or three steps old are taken over but not applied (`continuing` is False).
     """
     no, zero = jnp.zeros_like(point, bool), jnp.zeros_like(cache.normal_impulse[0, 0])
-    first = _look(cache, point, 0, _Recalled(no, no, zero, zero))
+    first = _match_cached(cache, point, 0, CachedImpulses(no, no, zero, zero))
     first = replace(first, continuing=first.found)
 
-    def older(so_far: _Recalled) -> _Recalled:
+    def older(so_far: CachedImpulses) -> CachedImpulses:
         for age in range(1, PERSISTENCE):
-            so_far = _look(cache, point, age, so_far)
+            so_far = _match_cached(cache, point, age, so_far)
         return so_far
 
     unknown = lanes.any_set(lanes.any_lane((~first.found & (point >= 0))[None]))
     return jax.lax.cond(unknown, older, lambda so_far: so_far, first)
 
 
-def _look(cache: Cache, point: jax.Array, age: int, so_far: _Recalled) -> _Recalled:
+def _match_cached(cache: Cache, point: jax.Array, age: int, so_far: CachedImpulses) -> CachedImpulses:
     """Look for a contact point among those of one step, unless its pair is found already."""
     same_pair, normal, tangent = jnp.zeros_like(so_far.found), so_far.normal, so_far.tangent
     for k in range(cache.point.shape[1]):
@@ -79,7 +79,7 @@ def _look(cache: Cache, point: jax.Array, age: int, so_far: _Recalled) -> _Recal
     return replace(so_far, found=so_far.found | same_pair, normal=normal, tangent=tangent)
 
 
-def remember(cache: Cache, contacts: Contacts) -> Cache:
+def write_cache(cache: Cache, contacts: Contacts) -> Cache:
     """Return the cache with this step's points in front and the oldest step dropped."""
     ids = unpack(contacts.points.tag, contacts.points.numbers, axis=1).id
     newest = Cache(ids, contacts.impulses[:, 0], contacts.impulses[:, 1])
@@ -97,35 +97,35 @@ def stack(motions: list[Motion]) -> Motion:
 
 
 def prestep(
-    world: World, timing: Timing, points: Points, used: jax.Array, motions: list[Motion], cache: Cache
+    world: World, timing: Timing, points: ContactTable, num_active: jax.Array, motions: list[Motion], cache: Cache
 ) -> Contacts:
     """Return the contacts of a step: masses, wanted speeds and recalled impulses, from the velocities as they are.
 
-    used: number of slots in use in any lane.
+    num_active: number of slots in use in any lane.
     """
     like = points.numbers[:, 0]
     empty = Contacts(
         points,
-        jnp.zeros((like.shape[0], fields(form_of(world)), *like.shape[1:]), like.dtype),
+        jnp.zeros((like.shape[0], fields(layout_of(world)), *like.shape[1:]), like.dtype),
         jnp.zeros((like.shape[0], 3, *like.shape[1:]), like.dtype),
         jnp.zeros_like(like, bool),
     )
 
-    def prepare(k: jax.Array, row: Points, contacts: Contacts) -> Contacts:
+    def prepare(k: jax.Array, row: ContactTable, contacts: Contacts) -> Contacts:
         point = unpack(row.tag, row.numbers)
-        known = recall(cache, point.id)
+        known = read_cache(cache, point.id)
         impulses = lanes.stack([known.normal, known.tangent, jnp.zeros_like(known.normal)])
         new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing)
         return lanes.write(contacts, k, new)
 
-    return lanes.visit(points, used, prepare, empty)
+    return lanes.visit(points, num_active, prepare, empty)
 
 
-def _prepare(world: World, timing: Timing, point: Point, motions: list[Motion]) -> Contact:
+def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Motion]) -> Contact:
     """Return a contact point's masses and wanted speeds.
 
     normal mass 1 / sum(1/m + (r x n)^2 / I), tangent mass the same with the tangent; bias speed
-    -bias min(0, distance + slop) / dt; bounce = restitution * relative normal speed, never limited.
+    -bias min(0, separation + slop) / dt; bounce = restitution * relative normal speed, never limited.
     """
     moment = [world.inv_moment[i] for i in range(len(motions))]
     inv_first, inv_second = lanes.pick(moment, point.first), lanes.pick(moment, point.second)
@@ -136,21 +136,21 @@ def _prepare(world: World, timing: Timing, point: Point, motions: list[Motion]) 
         total = 1.0 / MASS + product(product(inv_first, turn_first), turn_first)
         total = total + (inv_mass_second + product(product(inv_second, turn_second), turn_second))
         masses.append(1.0 / total)
-    bias = product(-timing.bias, jnp.minimum(point.distance + SLOP, 0)) / timing.dt
-    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_arms(world, point, form_of(world)))
+    bias = product(-timing.bias, jnp.minimum(point.separation + SLOP, 0)) / timing.dt
+    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_arms(world, point, layout_of(world)))
     approach = relative_velocity(contact, motions).x
     return replace(contact, bounce=product(approach, jnp.array(RESTITUTION, approach.dtype)))
 
 
-def _arms(world: World, point: Point, of: Form) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
+def _arms(world: World, point: ContactPoint, of: ContactLayout) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
     """Return the signs and the signed arms of the bodies."""
-    signs, arms, zero = [], [], jnp.zeros_like(point.distance)
+    signs, arms, zero = [], [], jnp.zeros_like(point.separation)
     bars = world.bar_a.x.shape[0]
-    for body, across in enumerate(of.across):
+    for body, has_tangent_arm in enumerate(of.has_tangent_arm):
         first, second = point.first == body, point.second == body
         if of.signs:
             signs.append(jnp.where(second, 1, jnp.where(first, -1, zero)))
-        if across:
+        if has_tangent_arm:
             arm = where(second, point.arm_second, where(first, -point.arm_first, Vec(zero, zero)))
             if not rounds_as_reference(arm):
                 arm = Vec(dot(arm, point.normal), dot(arm, perp(point.normal)))
@@ -160,9 +160,9 @@ def _arms(world: World, point: Point, of: Form) -> tuple[tuple[jax.Array, ...], 
     return tuple(signs), tuple(arms)
 
 
-def apply_cached(world: World, contacts: Contacts, used: jax.Array, motions: list[Motion]) -> list[Motion]:
+def apply_cached(world: World, contacts: Contacts, num_active: jax.Array, motions: list[Motion]) -> list[Motion]:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
-    of = form_of(world)
+    of = layout_of(world)
 
     def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
         fixed, impulses, continuing = row
@@ -170,7 +170,7 @@ def apply_cached(world: World, contacts: Contacts, used: jax.Array, motions: lis
         impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
         return apply_impulse(world, contact, motions, impulse)
 
-    return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), used, apply, motions)
+    return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), num_active, apply, motions)
 
 
 def _larger(a: jax.Array, b: jax.Array) -> jax.Array:
@@ -207,16 +207,16 @@ def solve(
     world: World,
     timing: Timing,
     contacts: Contacts,
-    used: jax.Array,
-    links: list[joints.Link],
+    num_active: jax.Array,
+    constraints: list[joints.Constraint],
     motions: list[Motion],
-    place: jax.Array,
-) -> tuple[Contacts, list[joints.Link], list[Motion]]:
+    rank: jax.Array,
+) -> tuple[Contacts, list[joints.Constraint], list[Motion]]:
     """Run the sweeps: in each, all contact points in solve order, then the constraints.
 
-    used: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
+    num_active: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
     """
-    of = form_of(world)
+    of = layout_of(world)
 
     def slot(k: jax.Array, fixed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
         impulses, motions = carry
@@ -225,12 +225,12 @@ def solve(
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
     def sweep(
-        _: jax.Array, carry: tuple[jax.Array, list[joints.Link], list[Motion]]
-    ) -> tuple[jax.Array, list[joints.Link], list[Motion]]:
-        impulses, links, motions = carry
-        impulses, motions = lanes.visit(contacts.fixed, used, slot, (impulses, motions))
-        links, motions = joints.sweep(topology, timing, links, motions, place)
-        return impulses, links, motions
+        _: jax.Array, carry: tuple[jax.Array, list[joints.Constraint], list[Motion]]
+    ) -> tuple[jax.Array, list[joints.Constraint], list[Motion]]:
+        impulses, constraints, motions = carry
+        impulses, motions = lanes.visit(contacts.fixed, num_active, slot, (impulses, motions))
+        constraints, motions = joints.sweep(topology, timing, constraints, motions, rank)
+        return impulses, constraints, motions
 
     def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
         """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
@@ -246,11 +246,11 @@ def solve(
         own, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, motions))
         return jnp.stack([lanes.stack(row) for row in own]), motions
 
-    if topology.slots <= FEW_SLOTS and not links:
+    if topology.slots <= FEW_SLOTS and not constraints:
         # One form for any number of slots in use: float32 would round otherwise from form to form.
         impulses, motions = jax.lax.cond(
-            used > 0, written_out, lambda impulses, motions: (impulses, motions), contacts.impulses, motions
+            num_active > 0, written_out, lambda impulses, motions: (impulses, motions), contacts.impulses, motions
         )
     else:
-        impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, links, motions))
-    return replace(contacts, impulses=impulses), links, motions
+        impulses, constraints, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, constraints, motions))
+    return replace(contacts, impulses=impulses), constraints, motions

@@ -40,7 +40,7 @@ class Topology:
         return self.bars + self.balls
 
     @property
-    def constraints(self) -> tuple[tuple[int, int], ...]:
+    def constraint_ends(self) -> tuple[tuple[int, int], ...]:
         """Pin joints, then springs: the reference's list order before any removal."""
         return self.pins + self.springs
 
@@ -83,7 +83,7 @@ class World:
     valid: jax.Array  # (S,) bool, False for an unused place
     plan_slot: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
     anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
-    anchor_bar: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
+    anchor_static: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
     pin_length: jax.Array  # (pins,) px
     point_class: jax.Array  # (4, bar pairs) int32, see insertion.point_classes
     leaf_order: jax.Array  # (n,) int32, moving bodies in the order in which the broad phase updates them
@@ -95,7 +95,7 @@ class World:
     @classmethod
     def shapes(cls, topology: Topology, dtype: str) -> World:
         """Return the shapes and types of the world of a topology, as `jax.ShapeDtypeStruct`; dtype: of its numbers."""
-        n, m, places, ties = topology.moving, topology.bars, topology.num_static, len(topology.constraints)
+        n, m, places, ties = topology.moving, topology.bars, topology.num_static, len(topology.constraint_ends)
 
         def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
             return jax.ShapeDtypeStruct(shape, kind)
@@ -120,7 +120,7 @@ class World:
             valid=array(places, kind="bool"),
             plan_slot=whole(places),
             anchor=vec(ties),
-            anchor_bar=whole(ties),
+            anchor_static=whole(ties),
             pin_length=array(len(topology.pins)),
             point_class=whole(4, len(topology.bar_pairs)),
             leaf_order=whole(n),
@@ -203,14 +203,18 @@ class State:
     """All that the next step needs of one world, and nothing that can be computed."""
 
     position: Vec  # (n,) px
-    residue: Vec  # (n,) px, what float32 rounds off the position; no rows in float64, which rounds as the reference
+    position_compensation: (
+        Vec  # (n,) px, what float32 rounds off the position; no rows in float64, which rounds as the reference
+    )
     angle: jax.Array  # (n,) rad
     motion: Motion  # (n,)
     alive: jax.Array  # (S,) bool, static bars still there
     broad: BroadPhase
-    side: jax.Array  # (bar pairs,) int32, where the last search for the nearest side ended (`gjk`); float32: no rows
+    gjk_start: (
+        jax.Array
+    )  # (bar pairs,) int32, where the last search for the nearest side ended (`gjk`); float32: no rows
     cache: Cache
     pin_impulse: jax.Array  # (pins,) px/s
-    place: jax.Array  # (constraints,) int32, place in the reference's list; (0,) with fewer than three
+    constraint_rank: jax.Array  # (constraints,) int32, place in the reference's list; (0,) with fewer than three
     step: jax.Array  # () int32, steps made
     overflow: jax.Array  # () bool, a step had more contact points than slots

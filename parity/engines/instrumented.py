@@ -18,7 +18,7 @@ from iphyre_jax.physics.types import BroadPhase, Motion
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene, static_order, step_timing
 from parity.engines.reference import BodyState
-from parity.engines.views import Floats, Layout, Stages, StepView, our_view
+from parity.engines.views import Floats, Layout, Stages, StepView, jax_view
 
 
 @partial(jax.jit, static_argnums=0)
@@ -28,26 +28,28 @@ def staged_step(topology: Topology, world: World, timing: Timing, state: State) 
     shape = shapes.world_shapes(topology, world, moved)
     boxes = shapes.moving_boxes(topology, shape)
     broad = broad_phase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
-    points, touching, side = contacts.collide(topology, world, shape, broad, moved.side)
-    used = jnp.minimum(jnp.max(touching), topology.slots)
+    points, touching, gjk_start = contacts.collide(topology, world, shape, broad, moved.gjk_start)
+    num_active = jnp.minimum(jnp.max(touching), topology.slots)
 
     motions = solver.unstack(moved.motion, topology.moving)
-    contact = solver.prestep(world, timing, points, used, motions, moved.cache)
-    links = joints.prepare(topology, world, timing, moved)
-    motions = joints.apply_springs(topology, links, motions, moved.place)
+    contact = solver.prestep(world, timing, points, num_active, motions, moved.cache)
+    constraints = joints.prepare(topology, world, timing, moved)
+    motions = joints.apply_springs(topology, constraints, motions, moved.constraint_rank)
     motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(world, contact, used, motions)
-    motions = joints.apply_cached(topology, links, motions, moved.place)
-    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, moved.place)
+    motions = solver.apply_cached(world, contact, num_active, motions)
+    motions = joints.apply_cached(topology, constraints, motions, moved.constraint_rank)
+    contact, constraints, motions = solver.solve(
+        topology, world, timing, contact, num_active, constraints, motions, moved.constraint_rank
+    )
 
-    impulses = [link.impulse for link in links]
+    impulses = [constraint.impulse for constraint in constraints]
     pins = impulses[: len(topology.pins)]
     after = replace(
         moved,
         motion=solver.stack(motions),
         broad=broad,
-        side=side,
-        cache=solver.remember(moved.cache, contact),
+        gjk_start=gjk_start,
+        cache=solver.write_cache(moved.cache, contact),
         pin_impulse=jnp.stack(pins) if pins else moved.pin_impulse,
         step=moved.step + 1,
         overflow=moved.overflow | (touching > topology.slots),
@@ -67,7 +69,7 @@ def _low_is_a(topology: Topology, world: World, broad: BroadPhase) -> jax.Array:
     return jnp.stack(roles) if roles else jnp.zeros(0, bool)
 
 
-def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
+def inject_state(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
     """Put the reference's state into ours: poses, velocities, and the impulses of the last step's contacts and pins.
 
     Bias velocities stay ours: the reference shows only what they did. The rest of the cache and the bookkeeping of the
@@ -104,11 +106,11 @@ def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | Non
         normal_impulse=cache.normal_impulse.at[0, :rows].set(last.impulses[:, 0]),
         tangent_impulse=cache.tangent_impulse.at[0, :rows].set(last.impulses[:, 1]),
     )
-    size = jnp.asarray(np.nan_to_num(last.links[:pins]))  # the reference tells a pin's impulse without its sign
+    size = jnp.asarray(np.nan_to_num(last.constraint_impulses[:pins]))  # the reference shows no sign of a pin's impulse
     return replace(state, cache=cache, pin_impulse=jnp.copysign(size, state.pin_impulse) if pins else state.pin_impulse)
 
 
-class OurWorld:
+class JaxWorld:
     """One world of ours, stepped one step at a time in float64.
 
     Args:
@@ -131,7 +133,7 @@ class OurWorld:
         """Make one step."""
         stages = staged_step(self.layout.topology, self.world, self.timing, self.state)
         self.state = stages.state
-        return our_view(self.layout, self.scene, stages)
+        return jax_view(self.layout, self.scene, stages)
 
 
 def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:

@@ -69,7 +69,7 @@ class ReferenceWorld:
         self.space.gravity = GRAVITY[0], GRAVITY[1] * gravity
         self.bodies: list[pymunk.Body] = []
         self.shapes: list[pymunk.Shape] = []
-        self.links: list[tuple[int, int, pymunk.Constraint]] = []
+        self.constraints: list[tuple[int, int, pymunk.Constraint]] = []
         self.alive: list[bool] = []
         for _ in range(resets):
             self._empty()
@@ -82,7 +82,7 @@ class ReferenceWorld:
         """Take everything out in the order of the official reset: shape and body of each object, then constraints."""
         for shape, body in zip(self.shapes, self.bodies, strict=True):
             self.space.remove(shape, body)
-        for _, _, constraint in self.links:
+        for _, _, constraint in self.constraints:
             self.space.remove(constraint)
 
     def _fill(self) -> None:
@@ -97,23 +97,23 @@ class ReferenceWorld:
         self.bodies = [body for body, _ in pairs]
         self.shapes = [shape for _, shape in pairs]
         self.alive = [True] * len(pairs)
-        self.links = []
+        self.constraints = []
         for i, j in scene.joints:
-            self._link(i, j, pymunk.PinJoint(self.bodies[i], self.bodies[j]))
+            self._add_constraint(i, j, pymunk.PinJoint(self.bodies[i], self.bodies[j]))
         for i, j in scene.springs:
             ends = (self.bodies[i], self.bodies[j], (0.0, 0.0), (0.0, 0.0))
-            self._link(i, j, pymunk.DampedSpring(*ends, SPRING_REST_LENGTH, SPRING_STIFFNESS, SPRING_DAMPING))
+            self._add_constraint(i, j, pymunk.DampedSpring(*ends, SPRING_REST_LENGTH, SPRING_STIFFNESS, SPRING_DAMPING))
 
-    def _link(self, i: int, j: int, constraint: pymunk.Constraint) -> None:
+    def _add_constraint(self, i: int, j: int, constraint: pymunk.Constraint) -> None:
         self.space.add(constraint)
-        self.links.append((i, j, constraint))
+        self.constraints.append((i, j, constraint))
 
     def eliminate(self, index: int) -> None:
         """Remove object `index`: shape, body, then its joints and springs, as the official class does."""
         self.space.remove(self.shapes[index], self.bodies[index])
-        for link in [link for link in self.links if index in link[:2]]:
-            self.space.remove(link[2])
-            self.links.remove(link)
+        for entry in [entry for entry in self.constraints if index in entry[:2]]:
+            self.space.remove(entry[2])
+            self.constraints.remove(entry)
         self.alive[index] = False
 
     def solved(self) -> bool:

@@ -27,14 +27,14 @@ class Stages:
         contact: the contact slots after the last sweep, with their points, masses, speeds and impulses.
         touching: () int32 slots in use.
         low_is_a: (pairs of moving bodies,) bool, whether the body of the lower index has role a.
-        link_impulses: (constraints,) accumulated impulses.
+        constraint_impulses: (constraints,) accumulated impulses.
     """
 
     state: State
     contact: solver.Contacts
     touching: jax.Array
     low_is_a: jax.Array
-    link_impulses: jax.Array
+    constraint_impulses: jax.Array
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,11 @@ class StepView:
         normal: (rows, 2) from a to b.
         arm_a: (rows, 2) px, contact point relative to the centre of a.
         arm_b: (rows, 2) the same of b.
-        distance: (rows,) px along the normal, negative when overlapping.
+        separation: (rows,) px along the normal, negative when overlapping.
         masses: (rows, 2) effective masses along normal and tangent.
         speeds: (rows, 2) bounce and bias, px/s.
         impulses: (rows, 3) accumulated: normal, tangent, bias.
-        links: (C,) accumulated impulses of joints and springs, NaN where one is gone.
+        constraint_impulses: (C,) accumulated impulses of joints and springs, NaN where one is gone.
         velocity: (M, 2) px/s after the step.
         angular_velocity: (M,) rad/s.
     """
@@ -97,16 +97,16 @@ class StepView:
     normal: Floats
     arm_a: Floats
     arm_b: Floats
-    distance: Floats
+    separation: Floats
     masses: Floats
     speeds: Floats
     impulses: Floats
-    links: Floats
+    constraint_impulses: Floats
     velocity: Floats
     angular_velocity: Floats
 
 
-def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
+def jax_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
     """What one of our steps computed, in the reference's roles."""
     host: Stages = jax.device_get(stages)
     contact, state = host.contact, host.state
@@ -127,11 +127,11 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
         normal=np.where(flip, -normal, normal),
         arm_a=np.where(flip, two, one),
         arm_b=np.where(flip, one, two),
-        distance=np.asarray(points.distance)[:count],
+        separation=np.asarray(points.separation)[:count],
         masses=np.stack([fixed.normal_mass, fixed.tangent_mass], axis=1)[:count],
         speeds=np.stack([fixed.bounce, fixed.bias], axis=1)[:count],
         impulses=np.asarray(contact.impulses)[:count],
-        links=np.where(gone, np.nan, host.link_impulses[: len(ends)]),
+        constraint_impulses=np.where(gone, np.nan, host.constraint_impulses[: len(ends)]),
         velocity=_xy(state.motion.velocity),
         angular_velocity=np.asarray(state.motion.angular_velocity),
     )
@@ -153,7 +153,9 @@ def _xy(vec: Vec) -> Floats:
     return np.stack([np.asarray(vec.x), np.asarray(vec.y)], axis=1)
 
 
-def their_view(layout: Layout, state: BodyState, records: list[ContactRecord], links: Floats) -> StepView:
+def reference_view(
+    layout: Layout, state: BodyState, records: list[ContactRecord], constraint_impulses: Floats
+) -> StepView:
     """The same step as the reference saw it."""
 
     def rows(name: str, width: int) -> Floats:
@@ -172,11 +174,11 @@ def their_view(layout: Layout, state: BodyState, records: list[ContactRecord], l
         normal=normal,
         arm_a=rows("r1", 2),
         arm_b=rows("r2", 2),
-        distance=np.sum(gap * normal, axis=1),
+        separation=np.sum(gap * normal, axis=1),
         masses=np.concatenate([rows("normal_mass", 1), rows("tangent_mass", 1)], axis=1),
         speeds=np.concatenate([rows("bounce", 1), rows("bias", 1)], axis=1),
         impulses=np.concatenate([rows(f"{kind}_impulse", 1) for kind in ("normal", "tangent", "bias")], axis=1),
-        links=links,
+        constraint_impulses=constraint_impulses,
         velocity=state.velocity[moving],
         angular_velocity=state.angular_velocity[moving],
     )

@@ -1,6 +1,6 @@
 """Random valid scenes that nobody tuned anything for, over a bounded number of layouts to compile.
 
-A template says what moves and what ties it; with at most `STATIC_PLACES` static bars every scene of a template has the
+A template says what moves and what ties it; with at most `STATIC_ROOM` static bars every scene of a template has the
 same `Topology`, so all scenes together need as many programs as there are templates. Where things stand is drawn for
 trouble: exactly touching, exactly symmetric, stacked, overlapping, or so far up that they tunnel.
 """
@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from iphyre_jax.scenes.compile import STATIC_PLACES
+from iphyre_jax.scenes.compile import STATIC_ROOM
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
 from iphyre_jax.scenes.scene import Scene
 
@@ -142,7 +142,7 @@ def random_scene(index: int, seed: int = SEED) -> Scene:
 
 def _draw(rng: np.random.Generator, template: Template, name: str) -> Scene:
     sketch = _Sketch(rng, float(rng.choice([0.0, 1.0, 10.0])))
-    room = min(STATIC_PLACES, MAX_OBJECTS - template.moving)
+    room = min(STATIC_ROOM, MAX_OBJECTS - template.moving)
     count = int(rng.integers(min(1, template.held), room + 1))
     for _ in range(count):
         sketch.bodies.append(_placed(sketch, _bar(sketch), _STATIC_PLACES))

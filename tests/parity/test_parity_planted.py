@@ -45,8 +45,8 @@ def order_by_index(patch: pytest.MonkeyPatch) -> None:
     """Pairs are solved by the indices of their bodies."""
     right = broad_phase.order
 
-    def order(topology: Any, world: Any, broad: Any) -> broad_phase.Order:
-        bits = broad_phase.Counters(topology.moving).inner_bits
+    def order(topology: Any, world: Any, broad: Any) -> broad_phase.OrderKeys:
+        bits = broad_phase.OrderKeyLayout(topology.moving).inner_bits
         place = lanes.iota(topology.num_static, broad.path[0])
         static = jnp.stack([((body << bits) | place) << 1 for body in range(topology.moving)])
         other = [
