@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -88,8 +88,23 @@ def integrate_velocities(motions: list[Motion], timing: Timing) -> list[Motion]:
     ]
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Stages:
+    """What a step computes on its way and `State` does not keep."""
+
+    contacts: solver.Contacts  # after the last sweep
+    num_touching: jax.Array  # () int32, contact points found; may exceed the slots
+    constraints: list[joints.Constraint]  # after the last sweep
+
+
 def step(topology: Topology, world: World, timing: Timing, state: State) -> State:
-    """Advance one world, or one world a lane, by timing.dt seconds.
+    """Advance one world, or one world a lane, by timing.dt seconds."""
+    return step_with_stages(topology, world, timing, state)[0]
+
+
+def step_with_stages(topology: Topology, world: World, timing: Timing, state: State) -> tuple[State, Stages]:
+    """Make a step and return its stages too; the compiler drops what nobody reads.
 
     The stages stand in the reference's order: bodies move first, with the velocities of the step before; contact
     masses and bounce see velocities before springs and gravity; cached impulses come after both.
@@ -98,11 +113,11 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     shape = shapes.world_shapes(topology, world, state)
     boxes = shapes.moving_boxes(topology, shape)
     broad = broad_phase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
-    points, touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)
-    num_active = jnp.minimum(jnp.max(touching), topology.slots)
+    table, num_touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)
+    num_active = jnp.minimum(jnp.max(num_touching), topology.slots)
 
     motions = solver.unstack(state.motion, topology.moving)
-    contact = solver.prestep(world, timing, points, num_active, motions, state.cache)
+    contact = solver.prestep(world, timing, table, num_active, motions, state.cache)
     constraints = joints.prepare(topology, world, timing, state)
     motions = joints.apply_springs(topology, constraints, motions, state.constraint_rank)
     motions = integrate_velocities(motions, timing)
@@ -113,7 +128,7 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     )
 
     pins = [constraint.impulse for constraint in constraints[: len(topology.pins)]]
-    return replace(
+    after = replace(
         state,
         motion=solver.stack(motions),
         broad=broad,
@@ -121,5 +136,6 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
         cache=solver.write_cache(state.cache, contact),
         pin_impulse=jnp.stack(pins) if pins else state.pin_impulse,
         step=state.step + 1,
-        overflow=state.overflow | (touching > topology.slots),
+        overflow=state.overflow | (num_touching > topology.slots),
     )
+    return after, Stages(contact, num_touching, constraints)

@@ -1,5 +1,6 @@
 """One step as either engine sees it, in object indices of the scene and in the reference's roles a and b."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -7,34 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import State, Topology, solver
+from iphyre_jax.physics import State, Topology
 from iphyre_jax.physics.contact_rows import form, unpack_contact
 from iphyre_jax.physics.contacts import unpack
+from iphyre_jax.physics.step import Stages
 from iphyre_jax.physics.vector import Vec
 from parity.engines.reference import BodyState
 from parity.engines.trace import ContactRecord
 
 Floats = NDArray[np.float64]
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Stages:
-    """What one step computed on its way.
-
-    Attributes:
-        state: after the step.
-        contact: the contact slots after the last sweep, with their points, masses, speeds and impulses.
-        touching: () int32 slots in use.
-        low_is_a: (pairs of moving bodies,) bool, whether the body of the lower index has role a.
-        constraint_impulses: (constraints,) accumulated impulses.
-    """
-
-    state: State
-    contact: solver.Contacts
-    touching: jax.Array
-    low_is_a: jax.Array
-    constraint_impulses: jax.Array
 
 
 @dataclass(frozen=True)
@@ -106,15 +88,24 @@ class StepView:
     angular_velocity: Floats
 
 
-def jax_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
-    """What one of our steps computed, in the reference's roles."""
-    host: Stages = jax.device_get(stages)
-    contact, state = host.contact, host.state
-    count = min(int(host.touching), layout.topology.slots)  # with more, the world ends in a fault
+def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_a: Sequence[jax.Array]) -> StepView:
+    """What one of our steps computed, in the reference's roles.
+
+    Args:
+        layout: which object each body is.
+        scene: the scene.
+        state: after the step, NumPy arrays as all that follows.
+        stages: of the step.
+        low_is_a: for every pair of moving bodies, whether the body of the lower index has role a.
+    """
+    contact = stages.contacts
+    count = min(int(stages.num_touching), layout.topology.slots)  # with more, the world ends in a fault
     points = unpack(contact.points.tag, contact.points.numbers, axis=1)
     fixed = unpack_contact(contact.fixed, form(layout.topology.bars, layout.topology.moving, exact=True), axis=1)
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
-    flip = np.array([_second_is_a(layout, host, pair) for pair in first_second], dtype=bool).reshape(count, 1)
+    flip = np.array([_second_is_a(layout, state, low_is_a, pair) for pair in first_second], dtype=bool).reshape(
+        count, 1
+    )
     one, two = _xy(points.arm_first)[:count], _xy(points.arm_second)[:count]
     normal = _xy(points.normal)[:count]
     alive = {o: bool(state.alive[s]) for s, o in enumerate(layout.statics)}
@@ -131,22 +122,22 @@ def jax_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
         masses=np.stack([fixed.normal_mass, fixed.tangent_mass], axis=1)[:count],
         speeds=np.stack([fixed.bounce, fixed.bias], axis=1)[:count],
         impulses=np.asarray(contact.impulses)[:count],
-        constraint_impulses=np.where(gone, np.nan, host.constraint_impulses[: len(ends)]),
+        constraint_impulses=np.where(gone, np.nan, [constraint.impulse for constraint in stages.constraints]),
         velocity=_xy(state.motion.velocity),
         angular_velocity=np.asarray(state.motion.angular_velocity),
     )
 
 
-def _second_is_a(layout: Layout, host: Stages, pair: tuple[int, int]) -> bool:
+def _second_is_a(layout: Layout, state: State, low_is_a: Sequence[jax.Array], pair: tuple[int, int]) -> bool:
     """Whether the reference calls the second object of a pair a. Against a bar, a ball is always a."""
     topology, moving = layout.topology, layout.moving
     first, second = moving.index(pair[0]), moving.index(pair[1]) if pair[1] in moving else None
     if first >= topology.bars and (second is None or second < topology.bars):
         return False
     if second is None:
-        return not bool(host.state.broad.updated[first])
-    low_is_a = bool(host.low_is_a[topology.pairs.index((min(first, second), max(first, second)))])
-    return low_is_a != (first < second)
+        return not bool(state.broad.updated[first])
+    low = bool(low_is_a[topology.pairs.index((min(first, second), max(first, second)))])
+    return low != (first < second)
 
 
 def _xy(vec: Vec) -> Floats:

@@ -38,7 +38,7 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
         return right(fixed, place, touch)
 
     patch.setattr(contacts, "_key", key)
-    patch.setattr(views, "_second_is_a", lambda layout, host, pair: False)  # what such a solver would tell
+    patch.setattr(views, "_second_is_a", lambda *_: False)  # what such a solver would tell
 
 
 def order_by_index(patch: pytest.MonkeyPatch) -> None:
