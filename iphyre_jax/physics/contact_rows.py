@@ -17,15 +17,33 @@ import jax
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Motion, World
-from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate
+
+COMMON = 6  # columns before the signs and arms
 
 
 @dataclass(frozen=True)
 class ContactLayout:
-    """What the arms of a contact consist of; static."""
+    """Which columns a packed contact has; static."""
 
-    signs: bool  # False: only one body moves, which is always the first
-    has_tangent_arm: tuple[bool, ...]  # for each moving body whether its arm has a second component
+    bars: int  # moving bars
+    moving: int  # moving bodies
+    exact: bool  # rounded as the reference's
+
+    @property
+    def signs(self) -> bool:
+        """Whether there are signs; without them only one body moves, which is always the first."""
+        return self.moving > 1
+
+    @property
+    def has_tangent_arm(self) -> tuple[bool, ...]:
+        """For each moving body whether its arm has a second component: only a ball's in the contact's frame has not."""
+        return tuple(self.exact or body < self.bars for body in range(self.moving))
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return COMMON + self.moving * (1 + self.signs) + sum(self.has_tangent_arm)
 
 
 @dataclass(frozen=True)
@@ -64,29 +82,16 @@ class Contact:
         return lanes.stack([*own, *self.sign, *arms])
 
 
-def form(bars: int, moving: int, *, exact: bool) -> ContactLayout:
-    """Return the form of the contacts of a world with so many moving bars and bodies; exact: rounded as the reference.
-
-    Only of a ball's arm in the contact's frame is the second component zero.
-    """
-    return ContactLayout(moving > 1, tuple(exact or body < bars for body in range(moving)))
-
-
 def layout_of(world: World) -> ContactLayout:
-    """Return the form of a world's contacts."""
-    return form(world.bar_a.x.shape[0], world.start.x.shape[0], exact=rounds_as_reference(world.start))
+    """Return the layout of a world's contacts."""
+    return ContactLayout(world.bar_a.x.shape[0], world.start.x.shape[0], world.exact)
 
 
-def fields(of: ContactLayout) -> int:
-    """Return how many numbers a packed contact has."""
-    return 6 + len(of.has_tangent_arm) * (1 + of.signs) + sum(of.has_tangent_arm)
-
-
-def unpack_contact(packed: jax.Array, of: ContactLayout, axis: int = 0) -> Contact:
+def unpack_contact(packed: jax.Array, layout: ContactLayout, axis: int = 0) -> Contact:
     """Return a packed contact, or with axis 1 a whole table of them, by the names of its fields."""
-    n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(fields(of))]
-    signs, arms = [n.pop(6) for _ in of.has_tangent_arm if of.signs], n[6:]
-    vectors = [Arm(arms.pop(0), arms.pop(0) if has_tangent_arm else None) for has_tangent_arm in of.has_tangent_arm]
+    n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(layout.width)]
+    signs, arms = [n.pop(COMMON) for _ in range(layout.moving) if layout.signs], n[COMMON:]
+    vectors = [Arm(arms.pop(0), arms.pop(0) if tangent else None) for tangent in layout.has_tangent_arm]
     return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], tuple(signs), tuple(vectors))
 
 
@@ -95,7 +100,7 @@ def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = F
     velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
     angular_velocities = [motion.bias_angular_velocity if bias else motion.angular_velocity for motion in motions]
     own = [_times(contact, k, velocity) for k, velocity in enumerate(velocities)]
-    if rounds_as_reference(contact.normal):
+    if contact.normal.exact:
         at = [
             arm.turned(angular_velocity, vec)
             for arm, angular_velocity, vec in zip(contact.arm, angular_velocities, own, strict=True)
@@ -111,7 +116,7 @@ def apply_impulse(
     world: World, contact: Contact, motions: list[Motion], impulse: Vec, push: jax.Array | None = None
 ) -> list[Motion]:
     """Give the bodies an impulse (normal, tangential), and a bias impulse along the normal, px/s."""
-    exact = rounds_as_reference(contact.normal)
+    exact = contact.normal.exact
     whole = rotate(contact.normal, impulse)
     whole_push = None if push is None else contact.normal * push
     out = []

@@ -10,8 +10,19 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.physics.tables import (
+    BALL_CENTRE,
+    BALL_COMPENSATION,
+    BALL_RADIUS,
+    BAR_A,
+    BAR_B,
+    BAR_CENTRE,
+    BAR_COMPENSATION,
+    BAR_NORMAL,
+    vec,
+)
 from iphyre_jax.physics.types import Box, Segment, State, Topology, World
-from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, is_exact, product
 
 Tree = TypeVar("Tree")
 
@@ -69,7 +80,7 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
     bars = in_world
     of_bars: tuple[jax.Array, ...] = ()
     of_balls: tuple[jax.Array, ...] = ()
-    if not rounds_as_reference(centre):
+    if not world.exact:
         bars = _join(moving, shifted(static, -world.static_centre))
         still = jax.tree.map(jnp.zeros_like, world.static_centre)
         of_bars, of_balls = _xy(_join(state.position_compensation[:m], still)), _xy(state.position_compensation[m:])
@@ -83,14 +94,14 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
 
 
 def bar(row: jax.Array) -> Bar:
-    """Return the bar of one row, (fields,)."""
-    segment = Segment(Vec(row[0], row[1]), Vec(row[2], row[3]), Vec(row[4], row[5]))
-    return Bar(segment, Vec(row[6], row[7]), Vec(row[8], row[9]) if row.shape[0] > 8 else None)
+    """Return the bar of one row, (columns,)."""
+    segment = Segment(vec(row, BAR_A), vec(row, BAR_B), vec(row, BAR_NORMAL))
+    return Bar(segment, vec(row, BAR_CENTRE), None if is_exact(row) else vec(row, BAR_COMPENSATION))
 
 
 def ball(row: jax.Array) -> Ball:
-    """Return the ball of one row, (fields,)."""
-    return Ball(Vec(row[0], row[1]), row[2], Vec(row[3], row[4]) if row.shape[0] > 3 else None)
+    """Return the ball of one row, (columns,)."""
+    return Ball(vec(row, BALL_CENTRE), row[BALL_RADIUS], None if is_exact(row) else vec(row, BALL_COMPENSATION))
 
 
 def shifted(segment: Segment, by: Vec) -> Segment:

@@ -14,14 +14,13 @@ from iphyre_jax.physics.contact_rows import (
     Contact,
     ContactLayout,
     apply_impulse,
-    fields,
     layout_of,
     relative_velocity,
     unpack_contact,
 )
-from iphyre_jax.physics.contacts import STATIC_BODY, ContactPoint, ContactTable, unpack
+from iphyre_jax.physics.contact_table import STATIC_BODY, ContactPoint, ContactTable
 from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where
 
 FEW_SLOTS = 2  # so few are written out, without a loop over slots
 
@@ -81,7 +80,7 @@ def _match_cached(cache: Cache, point: jax.Array, age: int, so_far: CachedImpuls
 
 def write_cache(cache: Cache, contacts: Contacts) -> Cache:
     """Return the cache with this step's points in front and the oldest step dropped."""
-    ids = unpack(contacts.points.tag, contacts.points.numbers, axis=1).id
+    ids = contacts.points.unpack(axis=1).id
     newest = Cache(ids, contacts.impulses[:, 0], contacts.impulses[:, 1])
     return jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), newest, cache)
 
@@ -106,13 +105,13 @@ def prestep(
     like = points.numbers[:, 0]
     empty = Contacts(
         points,
-        jnp.zeros((like.shape[0], fields(layout_of(world)), *like.shape[1:]), like.dtype),
+        jnp.zeros((like.shape[0], layout_of(world).width, *like.shape[1:]), like.dtype),
         jnp.zeros((like.shape[0], 3, *like.shape[1:]), like.dtype),
         jnp.zeros_like(like, bool),
     )
 
     def prepare(k: jax.Array, row: ContactTable, contacts: Contacts) -> Contacts:
-        point = unpack(row.tag, row.numbers)
+        point = row.unpack()
         known = read_cache(cache, point.id)
         impulses = lanes.stack([known.normal, known.tangent, jnp.zeros_like(known.normal)])
         new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing)
@@ -142,17 +141,17 @@ def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Mo
     return replace(contact, bounce=product(approach, jnp.array(RESTITUTION, approach.dtype)))
 
 
-def _arms(world: World, point: ContactPoint, of: ContactLayout) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
+def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
     """Return the signs and the signed arms of the bodies."""
     signs, arms, zero = [], [], jnp.zeros_like(point.separation)
     bars = world.bar_a.x.shape[0]
-    for body, has_tangent_arm in enumerate(of.has_tangent_arm):
+    for body, has_tangent_arm in enumerate(layout.has_tangent_arm):
         first, second = point.first == body, point.second == body
-        if of.signs:
+        if layout.signs:
             signs.append(jnp.where(second, 1, jnp.where(first, -1, zero)))
         if has_tangent_arm:
             arm = where(second, point.arm_second, where(first, -point.arm_first, Vec(zero, zero)))
-            if not rounds_as_reference(arm):
+            if not layout.exact:
                 arm = Vec(dot(arm, point.normal), dot(arm, perp(point.normal)))
             arms.append(Arm(arm.x, arm.y))
         else:  # a ball's is as long as its radius, against the normal from the first body, along it from the second
@@ -162,11 +161,11 @@ def _arms(world: World, point: ContactPoint, of: ContactLayout) -> tuple[tuple[j
 
 def apply_cached(world: World, contacts: Contacts, num_active: jax.Array, motions: list[Motion]) -> list[Motion]:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
-    of = layout_of(world)
+    layout = layout_of(world)
 
     def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
         fixed, impulses, continuing = row
-        contact, zero = unpack_contact(fixed, of), jnp.zeros_like(impulses[0])
+        contact, zero = unpack_contact(fixed, layout), jnp.zeros_like(impulses[0])
         impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
         return apply_impulse(world, contact, motions, impulse)
 
@@ -216,12 +215,12 @@ def solve(
 
     num_active: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
     """
-    of = layout_of(world)
+    layout = layout_of(world)
 
     def slot(k: jax.Array, fixed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
         impulses, motions = carry
         own = lanes.read(impulses, k)
-        new, motions = _solve_point(world, unpack_contact(fixed, of), (own[0], own[1], own[2]), motions)
+        new, motions = _solve_point(world, unpack_contact(fixed, layout), (own[0], own[1], own[2]), motions)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
     def sweep(
@@ -234,7 +233,7 @@ def solve(
 
     def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
         """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
-        points = [unpack_contact(contacts.fixed[k], of) for k in range(topology.slots)]
+        points = [unpack_contact(contacts.fixed[k], layout) for k in range(topology.slots)]
 
         def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
             (*own,), motions = carry

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import broad_phase, contacts, joints, shapes, solver
 from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, product
 
 
 def initial_state(topology: Topology, world: World) -> State:
@@ -34,12 +34,12 @@ def initial_state(topology: Topology, world: World) -> State:
     )
     state = State(
         position=jax.tree.map(jnp.asarray, start),
-        position_compensation=at_rest[:0] if rounds_as_reference(at_rest) else at_rest,
+        position_compensation=at_rest[:0] if world.exact else at_rest,
         angle=zero,
         motion=motion,
         alive=jnp.asarray(world.valid),
         broad=blank,
-        gjk_start=jnp.zeros((len(topology.bar_pairs) if rounds_as_reference(at_rest) else 0, *lane), jnp.int32),
+        gjk_start=jnp.zeros((len(topology.bar_pairs) if world.exact else 0, *lane), jnp.int32),
         cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
         pin_impulse=jnp.zeros((len(topology.pins), *lane), zero.dtype),
         constraint_rank=jnp.broadcast_to(constraint_rank, (constraint_rank.shape[0], *lane)),
@@ -64,7 +64,7 @@ def integrate_positions(state: State, timing: Timing) -> State:
     """
     motion = state.motion
     way, position_compensation = (motion.velocity + motion.bias_velocity) * timing.dt, state.position_compensation
-    if rounds_as_reference(way):
+    if way.exact:
         position = state.position + way
     else:
         way = way + position_compensation

@@ -92,6 +92,11 @@ class World:
     static_counter: jax.Array  # (n * S,) int32, insertion counter of a body's pair with a static bar at the start
     pair_counter: jax.Array  # (P,) int32, the same of the pairs of moving bodies
 
+    @property
+    def exact(self) -> bool:
+        """Whether the solver must round as the reference's (float64), or may be more accurate (float32)."""
+        return self.start.exact
+
     @classmethod
     def shapes(cls, topology: Topology, dtype: str) -> World:
         """Return the shapes and types of the world of a topology, as `jax.ShapeDtypeStruct`; dtype: of its numbers."""

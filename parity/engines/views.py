@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics import State, Topology
-from iphyre_jax.physics.contact_rows import form, unpack_contact
-from iphyre_jax.physics.contacts import unpack
+from iphyre_jax.physics.contact_rows import ContactLayout, unpack_contact
 from iphyre_jax.physics.step import Stages
 from iphyre_jax.physics.vector import Vec
 from parity.engines.reference import BodyState
@@ -100,8 +99,10 @@ def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_
     """
     contact = stages.contacts
     count = min(int(stages.num_touching), layout.topology.slots)  # with more, the world ends in a fault
-    points = unpack(contact.points.tag, contact.points.numbers, axis=1)
-    fixed = unpack_contact(contact.fixed, form(layout.topology.bars, layout.topology.moving, exact=True), axis=1)
+    points = contact.points.unpack(axis=1)
+    fixed = unpack_contact(
+        contact.fixed, ContactLayout(layout.topology.bars, layout.topology.moving, exact=True), axis=1
+    )
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
     flip = np.array([_second_is_a(layout, state, low_is_a, pair) for pair in first_second], dtype=bool).reshape(
         count, 1

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.physics import broad_phase, contacts, lanes, solver
+from iphyre_jax.physics import broad_phase, contacts, lanes, solver, tables
 from iphyre_jax.scenes import compile as scene_compiler
 from parity.engines import instrumented, views
 from parity.plans import random_plans
@@ -33,9 +33,9 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
     """The body of the lower index is always a: the two points of two bars come in one fixed order."""
     right = contacts._key
 
-    def key(info: jax.Array, place: int, touch: Any) -> jax.Array:
-        fixed = info if info.shape[0] == 1 else info.at[1].set(1)
-        return right(fixed, place, touch)
+    def key(info: jax.Array, index: int | None, point: Any) -> jax.Array:
+        fixed = info if index is None else info.at[tables.PAIR_FIRST_IS_A].set(1)
+        return right(fixed, index, point)
 
     patch.setattr(contacts, "_key", key)
     patch.setattr(views, "_second_is_a", lambda *_: False)  # what such a solver would tell
