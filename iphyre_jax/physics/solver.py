@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import joints, lanes
+from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTION, SLOP, SWEEPS
 from iphyre_jax.physics.contact_rows import (
     Arm,
@@ -19,7 +20,8 @@ from iphyre_jax.physics.contact_rows import (
     unpack_contact,
 )
 from iphyre_jax.physics.contact_table import STATIC_BODY, ContactPoint, ContactTable
-from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
+from iphyre_jax.physics.joints import Constraint
+from iphyre_jax.physics.types import Cache, Motion, Timing, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where
 
 FEW_SLOTS = 2  # so few are written out, without a loop over slots
@@ -31,9 +33,10 @@ class Contacts:
     """The contact points of a step in solve order, (K,) rows."""
 
     points: ContactTable
-    fixed: jax.Array  # (K, fields), see `contact_point.Contact`
+    packed: jax.Array  # (K, columns), see `contact_rows.Contact`
     impulses: jax.Array  # (K, 3) accumulated: normal, tangent, bias, px/s
     continuing: jax.Array  # (K,) bool, touched in the step before
+    num_active: jax.Array  # () int32, slots in use in any lane; an empty slot among them pushes nothing
 
 
 @jax.tree_util.register_dataclass
@@ -98,26 +101,21 @@ def stack(motions: list[Motion]) -> Motion:
 def prestep(
     world: World, timing: Timing, points: ContactTable, num_active: jax.Array, motions: list[Motion], cache: Cache
 ) -> Contacts:
-    """Return the contacts of a step: masses, wanted speeds and recalled impulses, from the velocities as they are.
+    """Return the contacts of a step: masses, wanted speeds and cached impulses, from the velocities as they are."""
+    layout, like = layout_of(world), points.numbers[:, 0]
+    lane = like.shape[1:]
+    packed = jnp.zeros((like.shape[0], layout.width, *lane), like.dtype)
+    impulses = jnp.zeros((like.shape[0], 3, *lane), like.dtype)
+    Rows = tuple[ContactTable, jax.Array, jax.Array, jax.Array]
 
-    num_active: number of slots in use in any lane.
-    """
-    like = points.numbers[:, 0]
-    empty = Contacts(
-        points,
-        jnp.zeros((like.shape[0], layout_of(world).width, *like.shape[1:]), like.dtype),
-        jnp.zeros((like.shape[0], 3, *like.shape[1:]), like.dtype),
-        jnp.zeros_like(like, bool),
-    )
-
-    def prepare(k: jax.Array, row: ContactTable, contacts: Contacts) -> Contacts:
+    def prepare(k: jax.Array, row: ContactTable, rows: Rows) -> Rows:
         point = row.unpack()
         known = read_cache(cache, point.id)
         impulses = lanes.stack([known.normal, known.tangent, jnp.zeros_like(known.normal)])
-        new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing)
-        return lanes.write(contacts, k, new)
+        return lanes.write(rows, k, (row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing))
 
-    return lanes.visit(points, num_active, prepare, empty)
+    rows = lanes.visit(points, num_active, prepare, (points, packed, impulses, jnp.zeros_like(like, bool)))
+    return Contacts(*rows, num_active)
 
 
 def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Motion]) -> Contact:
@@ -159,17 +157,17 @@ def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tup
     return tuple(signs), tuple(arms)
 
 
-def apply_cached(world: World, contacts: Contacts, num_active: jax.Array, motions: list[Motion]) -> list[Motion]:
+def apply_cached(world: World, contacts: Contacts, motions: list[Motion]) -> list[Motion]:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
     layout = layout_of(world)
 
     def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
-        fixed, impulses, continuing = row
-        contact, zero = unpack_contact(fixed, layout), jnp.zeros_like(impulses[0])
+        packed, impulses, continuing = row
+        contact, zero = unpack_contact(packed, layout), jnp.zeros_like(impulses[0])
         impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
         return apply_impulse(world, contact, motions, impulse)
 
-    return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), num_active, apply, motions)
+    return lanes.visit((contacts.packed, contacts.impulses, contacts.continuing), contacts.num_active, apply, motions)
 
 
 def _larger(a: jax.Array, b: jax.Array) -> jax.Array:
@@ -202,38 +200,31 @@ def _solve_point(
 
 
 def solve(
-    topology: Topology,
     world: World,
-    timing: Timing,
     contacts: Contacts,
-    num_active: jax.Array,
-    constraints: list[joints.Constraint],
+    constraints: list[Constraint],
     motions: list[Motion],
-    rank: jax.Array,
-) -> tuple[Contacts, list[joints.Constraint], list[Motion]]:
-    """Run the sweeps: in each, all contact points in solve order, then the constraints.
+    sweep_constraints: Callable[[list[Constraint], list[Motion]], tuple[list[Constraint], list[Motion]]],
+) -> tuple[Contacts, list[Constraint], list[Motion]]:
+    """Run the sweeps: in each, all contact points in solve order, then the constraints."""
+    layout, slots = layout_of(world), contacts.packed.shape[0]
 
-    num_active: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
-    """
-    layout = layout_of(world)
-
-    def slot(k: jax.Array, fixed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
+    def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
         impulses, motions = carry
         own = lanes.read(impulses, k)
-        new, motions = _solve_point(world, unpack_contact(fixed, layout), (own[0], own[1], own[2]), motions)
+        new, motions = _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), motions)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
-    def sweep(
-        _: jax.Array, carry: tuple[jax.Array, list[joints.Constraint], list[Motion]]
-    ) -> tuple[jax.Array, list[joints.Constraint], list[Motion]]:
-        impulses, constraints, motions = carry
-        impulses, motions = lanes.visit(contacts.fixed, num_active, slot, (impulses, motions))
-        constraints, motions = joints.sweep(topology, timing, constraints, motions, rank)
-        return impulses, constraints, motions
+    Swept = tuple[jax.Array, list[Constraint], list[Motion]]
+
+    def sweep(_: jax.Array, swept: Swept) -> Swept:
+        impulses, constraints, motions = swept
+        impulses, motions = lanes.visit(contacts.packed, contacts.num_active, slot, (impulses, motions))
+        return impulses, *sweep_constraints(constraints, motions)
 
     def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
         """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
-        points = [unpack_contact(contacts.fixed[k], layout) for k in range(topology.slots)]
+        points = [unpack_contact(contacts.packed[k], layout) for k in range(slots)]
 
         def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
             (*own,), motions = carry
@@ -245,10 +236,10 @@ def solve(
         own, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, motions))
         return jnp.stack([lanes.stack(row) for row in own]), motions
 
-    if topology.slots <= FEW_SLOTS and not constraints:
-        # One form for any number of slots in use: float32 would round otherwise from form to form.
+    if slots <= FEW_SLOTS and not constraints:
+        # One form for any number of active slots: float32 would round otherwise from form to form.
         impulses, motions = jax.lax.cond(
-            num_active > 0, written_out, lambda impulses, motions: (impulses, motions), contacts.impulses, motions
+            contacts.num_active > 0, written_out, lambda *unchanged: unchanged, contacts.impulses, motions
         )
     else:
         impulses, constraints, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, constraints, motions))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -116,16 +117,15 @@ def step_with_stages(topology: Topology, world: World, timing: Timing, state: St
     table, num_touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)
     num_active = jnp.minimum(jnp.max(num_touching), topology.slots)
 
-    motions = solver.unstack(state.motion, topology.moving)
+    motions, rank = solver.unstack(state.motion, topology.moving), state.constraint_rank
     contact = solver.prestep(world, timing, table, num_active, motions, state.cache)
     constraints = joints.prepare(topology, world, timing, state)
-    motions = joints.apply_springs(topology, constraints, motions, state.constraint_rank)
+    motions = joints.apply_springs(topology, constraints, motions, rank)
     motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(world, contact, num_active, motions)
-    motions = joints.apply_cached(topology, constraints, motions, state.constraint_rank)
-    contact, constraints, motions = solver.solve(
-        topology, world, timing, contact, num_active, constraints, motions, state.constraint_rank
-    )
+    motions = solver.apply_cached(world, contact, motions)
+    motions = joints.apply_cached(topology, constraints, motions, rank)
+    sweep = partial(joints.sweep, topology, timing, rank=rank)
+    contact, constraints, motions = solver.solve(world, contact, constraints, motions, sweep)
 
     pins = [constraint.impulse for constraint in constraints[: len(topology.pins)]]
     after = replace(

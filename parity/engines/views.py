@@ -100,9 +100,8 @@ def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_
     contact = stages.contacts
     count = min(int(stages.num_touching), layout.topology.slots)  # with more, the world ends in a fault
     points = contact.points.unpack(axis=1)
-    fixed = unpack_contact(
-        contact.fixed, ContactLayout(layout.topology.bars, layout.topology.moving, exact=True), axis=1
-    )
+    columns = ContactLayout(layout.topology.bars, layout.topology.moving, exact=True)
+    solved = unpack_contact(contact.packed, columns, axis=1)
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
     flip = np.array([_second_is_a(layout, state, low_is_a, pair) for pair in first_second], dtype=bool).reshape(
         count, 1
@@ -120,8 +119,8 @@ def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_
         arm_a=np.where(flip, two, one),
         arm_b=np.where(flip, one, two),
         separation=np.asarray(points.separation)[:count],
-        masses=np.stack([fixed.normal_mass, fixed.tangent_mass], axis=1)[:count],
-        speeds=np.stack([fixed.bounce, fixed.bias], axis=1)[:count],
+        masses=np.stack([solved.normal_mass, solved.tangent_mass], axis=1)[:count],
+        speeds=np.stack([solved.bounce, solved.bias], axis=1)[:count],
         impulses=np.asarray(contact.impulses)[:count],
         constraint_impulses=np.where(gone, np.nan, [constraint.impulse for constraint in stages.constraints]),
         velocity=_xy(state.motion.velocity),
