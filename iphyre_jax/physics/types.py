@@ -18,6 +18,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.physics.order_keys import OrderKeyLayout
 from iphyre_jax.physics.vector import Vec
 
 STATIC = -1  # the end of a joint or spring that is held by a static bar
@@ -38,6 +39,11 @@ class Topology:
     def moving(self) -> int:
         """Number of moving bodies n."""
         return self.bars + self.balls
+
+    @property
+    def max_steps(self) -> int:
+        """Most steps of an episode: the order keys have no room for more."""
+        return OrderKeyLayout(self.moving).max_steps
 
     @property
     def constraint_ends(self) -> tuple[tuple[int, int], ...]:

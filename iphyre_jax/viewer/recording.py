@@ -19,7 +19,6 @@ from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.physics import contacts, shapes
-from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.plans import NEVER, TIME_LIMIT
 from iphyre_jax.rules import episode_reward, whole_fps
@@ -150,7 +149,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         raise ValueError(f"resets: expected a whole number of at least 1, got {resets!r}")
     topology, world = cached_world(scene, int(resets), dtype)
     length = int(TIME_LIMIT * rate)
-    if length > (limit := max_steps(topology)):
+    if length > (limit := topology.max_steps):
         raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
     padded = np.full(scene.limits.blocks, NEVER, np.int32)
     padded[: len(steps)] = steps

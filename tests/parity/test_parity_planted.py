@@ -15,6 +15,7 @@ import pytest
 
 from iphyre_jax import load_scene
 from iphyre_jax.physics import broad_phase, contacts, lanes, solver, tables
+from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import compile as scene_compiler
 from parity.engines import instrumented, views
 from parity.plans import random_plans
@@ -46,12 +47,10 @@ def order_by_index(patch: pytest.MonkeyPatch) -> None:
     right = broad_phase.order
 
     def order(topology: Any, world: Any, broad: Any) -> broad_phase.OrderKeys:
-        bits = broad_phase.OrderKeyLayout(topology.moving).inner_bits
+        bits = OrderKeyLayout(topology.moving).inner_bits
         place = lanes.iota(topology.num_static, broad.path[0])
         static = jnp.stack([((body << bits) | place) << 1 for body in range(topology.moving)])
-        other = [
-            jnp.full_like(broad.path[0], ((i << bits) | (broad_phase.STATIC_RANKS + j)) << 1) for i, j in topology.pairs
-        ]
+        other = [jnp.full_like(broad.path[0], ((i << bits) | (STATIC_RANKS + j)) << 1) for i, j in topology.pairs]
         return replace(right(topology, world, broad), static=static, moving=tuple(other))
 
     patch.setattr(broad_phase, "order", order)
