@@ -1,7 +1,7 @@
 """Compare both engines stage by stage, one step at a time, with the reference's state put into ours.
 
-Before every step our solver takes over the reference's poses, velocities and impulses, so that a difference shows in
-the stage and the step that makes it, not as its consequences.
+Before every step our solver takes over the reference's poses, velocities and impulses. So a difference shows in the
+step and the stage that make it, not in what follows from it.
 """
 
 from collections import Counter
@@ -80,7 +80,7 @@ def compare_step(step: int, ours: StepView, theirs: StepView, pins: int, *, exac
         ours: our view of it.
         theirs: the reference's.
         pins: how many of the constraints are pin joints, whose impulses the reference shows without their sign.
-        exact: every difference counts, not only one beyond the stage's tolerance.
+        exact: count every difference, not only those beyond the stage's tolerance.
 
     Returns:
         The divergence, or None where all stages agree within their tolerances.
@@ -152,7 +152,7 @@ def _listed(pairs: tuple[Pair, ...]) -> str:
 
 
 def _just_touches(pair: Pair, *views: StepView) -> bool:
-    """Whether some point of a pair is at a separation of zero up to rounding, in either view."""
+    """Whether the separation of some point of a pair is zero up to rounding, in either view."""
     separations = [
         separation
         for view in views
@@ -179,8 +179,8 @@ def first_divergence(
         fps: physics steps a second.
         steps: the most steps to compare; the step that solves the game is the last.
         resets: number of the reset to play in.
-        exact: look for the first bit that differs, both engines running free, instead of the first difference beyond
-            a stage's tolerance with the reference's state put into ours before every step.
+        exact: let both engines run free and find the first bit that differs. Else put the reference's state into ours
+            before every step and find the first difference beyond a stage's tolerance.
 
     Returns:
         The first divergence, or None.

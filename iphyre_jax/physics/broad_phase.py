@@ -1,8 +1,9 @@
 """The reference's broad phase, reduced to what it decides: the order in which touching pairs are solved.
 
-The reference keeps moving shapes in a tree of fat boxes and every pair of overlapping boxes in linked lists that are
-only rebuilt when a shape leaves its fat box. The visiting order follows from three facts a body: its place in the tree
-(path bits), whether it was re-inserted in this step, and when each of its pairs was last inserted (counters).
+The reference keeps moving shapes in a tree of fat boxes. It keeps every pair of overlapping boxes in linked lists, and
+rebuilds a shape's lists only when the shape leaves its fat box. So the solve order follows from three facts about each
+body: its position in the tree (path bits), whether it was re-inserted in this step, and when each of its pairs was last
+inserted (counters).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def contains(outer: Box, inner: Box) -> jax.Array:
 
 
 def grow(box: Box, velocity: Vec) -> Box:
-    """Return fat boxes: exact boxes with a margin of a tenth of their size and of a tenth of a second's way ahead."""
+    """Return fat boxes: exact boxes with a margin: a tenth of their size, and a tenth of a second of motion ahead."""
     margin = jnp.array(FAT_MARGIN, box.left.dtype)
     width, height = product(box.right - box.left, margin), product(box.bottom - box.top, margin)
     ahead = velocity * margin
@@ -75,7 +76,7 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
 
 
 def ranks(path: jax.Array) -> jax.Array:
-    """Return each body's place in the depth-first order of the tree, (n,) int32."""
+    """Return each body's rank in the depth-first order of the tree, (n,) int32."""
     before = [
         sum((path[j] < path[i]).astype(jnp.int32) for j in range(path.shape[0]) if j != i) for i in range(path.shape[0])
     ]
@@ -104,8 +105,8 @@ def _count_pairs(
         i_low = rank[i] < rank[j]
         by_i = jnp.where(i_low, outside[i], ~outside[j])
         mine, other = jnp.where(by_i, rank[i], rank[j]), jnp.where(by_i, rank[j], rank[i])
-        place = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * layout.moving + other
-        rows.append(jnp.where(outside[i] | outside[j], base + mine * layout.per_rank + place, old[p]))
+        position = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * layout.moving + other
+        rows.append(jnp.where(outside[i] | outside[j], base + mine * layout.per_rank + position, old[p]))
     return jnp.stack(rows)
 
 
@@ -135,7 +136,7 @@ def _of(me: jax.Array, values: jax.Array) -> jax.Array:
 
 
 def _remove(n: int, me: jax.Array, path: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Take one leaf out of the tree: those under its sibling lose the bit that told them from it."""
+    """Take one leaf out of the tree: those under its sibling lose the bit that told them apart from it."""
     bits = n - 1
     level = _of(me, depth) - 1  # the leaf's own last bit
     below = bits - level  # bits from that level down
@@ -166,7 +167,7 @@ def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array
 
 
 def _goes_second(first: jax.Array, second: jax.Array, boxes: Box, mine: Box) -> jax.Array:
-    """Return whether a new leaf goes into the second subtree: growth of area decides, then nearness, then the first."""
+    """Return whether a new leaf goes into the second subtree: least growth of area, then nearness, then the first."""
     a, b = _hull(first, boxes), _hull(second, boxes)
     cost_a = _area(b) + _area(_union(a, mine))
     cost_b = _area(a) + _area(_union(b, mine))
@@ -204,7 +205,7 @@ def _proximity(a: Box, b: Box) -> jax.Array:
 
 @dataclass(frozen=True)
 class OrderKeys:
-    """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Always even."""
+    """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Keys are even."""
 
     static: jax.Array  # (n, S) int32, pairs of a moving body and a static bar
     moving: tuple[jax.Array, ...]  # () int32 for each of `topology.pairs`
@@ -220,16 +221,17 @@ class OrderKeys:
 def order(topology: Topology, world: World, broad: BroadPhase) -> OrderKeys:
     """Return the order keys of all pairs.
 
-    The body of the higher rank owns a pair of moving bodies. On the step of its owner's re-insertion static bars come
-    by rank, then moving bodies, and the owner is a; otherwise the pair inserted last comes first and the owner is b.
+    Of two moving bodies, the one of the higher rank owns the pair. On the step of its owner's re-insertion, static bars
+    come first, by rank, then moving bodies, and the owner has role a. Otherwise the pair inserted last comes first, and
+    the owner has role b.
     """
     c = OrderKeyLayout(topology.moving)
     rank = ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
-    place = lanes.iota(topology.num_static, rank[0])[None]
+    static_rank = lanes.iota(topology.num_static, rank[0])[None]
     inserted, updated = broad.inserted[:, None], broad.updated[:, None]
     first = world.static_counter.reshape(topology.moving, topology.num_static, *rank.shape[1:])
-    counter = jnp.where(inserted < 0, first, inserted + place)
-    static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, place, c.newest - counter)) << 1
+    counter = jnp.where(inserted < 0, first, inserted + static_rank)
+    static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, static_rank, c.newest - counter)) << 1
     moving, low_is_a, by_owner = [], [], []
     for p, (i, j) in enumerate(topology.pairs):
         i_owns = rank[i] > rank[j]

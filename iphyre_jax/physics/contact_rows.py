@@ -1,12 +1,12 @@
-"""One contact point of the solver: how fast its bodies move there, and what an impulse there does to them.
+"""One contact of the solver: how fast its bodies move there, and what an impulse there does to them.
 
-Which bodies a contact joins differs from lane to lane, so it holds for every moving body a sign, -1 for the first body,
-1 for the second, 0 for the others, and its arm times that sign; all masses are 1. Then relative velocity = sum sign v +
-perp(arm) w, and an impulse j changes v by sign j and w by cross(arm, j) / I, without choosing bodies. The signs are
-exact, so nothing is rounded otherwise than in the reference.
+Which two bodies touch differs from lane to lane. So a contact holds two things for every moving body: a sign (-1 for
+the first body, 1 for the second, 0 for the others) and the body's arm times that sign. All masses are 1. Then the
+relative velocity is sum(sign v + perp(arm) w), and an impulse j changes v by sign j and w by cross(arm, j) / I. No body
+has to be selected. A product with a sign is exact, so everything rounds as in the reference.
 
-In float64 arms are in the world's frame, as the reference's. In float32 they are in the contact's, normal and tangent,
-which costs half the work for a ball: its arm lies along the normal, so pushes along it do not turn it.
+In float64 arms are in the world frame, as in the reference; in float32 in the contact's frame, normal and tangent. That
+halves the work for a ball: its arm lies along the normal, so a push along the normal does not turn it.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ class Arm:
         return product(self.x, vec.y) if self.y is None else cross(Vec(self.x, self.y), vec)
 
     def turned(self, angular_velocity: jax.Array, onto: Vec) -> Vec:
-        """Return onto + perp(arm) angular, the velocity at the contact."""
+        """Return onto + perp(arm) * angular velocity, the velocity at the contact."""
         x = onto.x if self.y is None else onto.x - product(self.y, angular_velocity)
         return Vec(x, onto.y + product(self.x, angular_velocity))
 
 
 @dataclass(frozen=True)
 class Contact:
-    """What the sweeps need of a contact point."""
+    """A contact point as the sweeps see it."""
 
     normal: Vec
     normal_mass: jax.Array
@@ -96,7 +96,7 @@ def unpack_contact(packed: jax.Array, layout: ContactLayout, axis: int = 0) -> C
 
 
 def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
-    """Return the velocity, or bias velocity, of the second contact point against the first: normal, tangential."""
+    """Return the velocity (or bias velocity) of the second body relative to the first, there: normal, tangential."""
     velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
     angular_velocities = [motion.bias_angular_velocity if bias else motion.angular_velocity for motion in motions]
     own = [_times(contact, k, velocity) for k, velocity in enumerate(velocities)]
@@ -136,7 +136,7 @@ def apply_impulse(
 
 
 def _times(contact: Contact, body: int, vec: Vec) -> Vec:
-    """Return the sign of a body times a vector, which rounds nothing."""
+    """Return the sign of a body times a vector; this is exact."""
     if not contact.sign:
         return -vec
     return Vec(contact.sign[body] * vec.x, contact.sign[body] * vec.y)

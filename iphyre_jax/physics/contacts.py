@@ -187,7 +187,7 @@ def _visit(pair_type: PairType, found: ContactBuffer, gjk_start: jax.Array) -> t
     Words = tuple[jax.Array, ...]
     Loop = tuple[_Candidate, Words, ContactBuffer, jax.Array]
 
-    def following(words: Words) -> tuple[_Candidate, Words]:
+    def next_candidate(words: Words) -> tuple[_Candidate, Words]:
         pair, words = lanes.take_first(words)
         one, two, tag = lanes.read((jnp.asarray(first), jnp.asarray(second), jnp.asarray(tags)), pair)
         return _Candidate(pair, (one, two), tag), words
@@ -205,9 +205,9 @@ def _visit(pair_type: PairType, found: ContactBuffer, gjk_start: jax.Array) -> t
             id_class = _id_class(info, point) if pair_type.two_bars else point.id
             tag = candidate.tag + (id_class << 2 * BODY_BITS)
             found = found.append(key, tag, frame, point)
-        return *following(words), found, gjk_start
+        return *next_candidate(words), found, gjk_start
 
-    start = following(lanes.any_lane(pair_type.info[:, PAIR_KEY] != KEY_NONE))
+    start = next_candidate(lanes.any_lane(pair_type.info[:, PAIR_KEY] != KEY_NONE))
     return jax.lax.while_loop(lambda loop: loop[0].pair < len(pair_type.pairs), body, (*start, found, gjk_start))[2:]
 
 

@@ -28,8 +28,8 @@ class Constraint:
 def prepare(topology: Topology, world: World, timing: Timing, state: State) -> list[Constraint]:
     """Return the constraints of a step, pins first, before any impulse.
 
-    A pin wants the speed -bias (distance - length) / dt. A spring's target starts at 0 and its impulse is the force of
-    the step, (rest - distance) stiffness dt, which `apply_springs` gives to the bodies.
+    A pin's target is the speed -bias (distance - length) / dt. A spring's target starts at 0. Its impulse is the
+    spring force times dt, (rest - distance) stiffness dt, which `apply_springs` gives to the bodies.
     """
     constraints = []
     for k, (i, j) in enumerate(topology.constraint_ends):
@@ -108,8 +108,8 @@ def sweep(
 ) -> tuple[list[Constraint], list[Motion]]:
     """Run one sweep over the constraints in list order.
 
-    Pin: the impulse that gives the wanted speed. Spring: the damping takes its share of the difference to the target
-    speed, which becomes the new target; its impulse passes through the accumulator and is rounded there.
+    Pin: the impulse that gives the target speed. Spring: damping takes its share of the difference to the target speed;
+    the damped speed is the new target. A spring's impulse passes through the accumulator, where it is rounded.
     """
     constraints = list(constraints)
     for k, here in _in_order(len(constraints), rank):
@@ -137,9 +137,9 @@ def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
 
 
 def _in_order(count: int, rank: jax.Array) -> list[tuple[int, jax.Array | None]]:
-    """List the constraints in solve order, each with the mask of the worlds in which it has that place (None: all).
+    """List the constraints in solve order, each with the mask of the worlds in which it has that rank (None: all).
 
-    Two constraints keep their order when one goes. From three on, the last takes the hole of a removed one.
+    Two constraints keep their order when one goes. From three on, the last takes the rank of a removed one.
     """
     if count < 3:
         return [(k, None) for k in range(count)]
@@ -147,9 +147,9 @@ def _in_order(count: int, rank: jax.Array) -> list[tuple[int, jax.Array | None]]
 
 
 def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:
-    """Return the constraints' places after the bars not in `alive` went: the last takes the place of a removed one.
+    """Return the constraints' ranks without the bars not in `alive`: the last takes the rank of a removed one.
 
-    Bars that go before one step go in the order of their plan columns, and their constraints with them.
+    Bars removed before the same step go in the order of their plan columns, and their constraints with them.
     """
     count = len(topology.constraint_ends)
     if count < 3:

@@ -1,7 +1,7 @@
-"""Contact points of two shapes, each function one pair of shapes as the reference names it.
+"""Contact points of two shapes: one function for each pair of shapes, named as in the reference.
 
-Normals point from the first shape to the second; contact points lie on the surfaces. Signs of comparison are part of
-the method: circles touch when strictly nearer than the sum of the radii, segments when not farther.
+Normals point from the first shape to the second; contact points lie on the surfaces. Strict and non-strict comparisons
+matter: circles touch when strictly nearer than the sum of their radii, segments when not farther.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ManifoldPoint:
 def circle_circle(
     centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array, first_is_a: jax.Array
 ) -> ManifoldPoint:
-    """Return the contact of two balls. With one centre they are pushed apart along x, from role a to role b."""
+    """Return the contact of two balls. If their centres coincide, the normal is along x, from role a to role b."""
     delta, reach = centre_b - centre_a, radius_a + radius_b
     right = _signed(jnp.ones_like(delta.x), first_is_a)
     return _round_contact(centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(right, jnp.zeros_like(right)))
@@ -102,8 +102,9 @@ def segment_segment(
 def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
     """Return normal and distance of two core lines that do not cross.
 
-    For float32, as the nearest of the four sides of the difference set. The reference's search decides between equally
-    near sides by rounding, which differs there: it took multi_ball_lever at 10 fps from 94 % of plans within 1 px to 0.
+    For float32: takes the nearest of the four sides of the difference set. The reference's search decides between
+    equally near sides by rounding, and float32 rounds otherwise: with that search, multi_ball_lever at 10 fps fell from
+    94 % of plans within 1 px to none.
     """
     sides = _sides(one, two)
     point, inner, edge = nearest(*sides[0])
@@ -169,8 +170,8 @@ def _clip(
 ) -> tuple[ManifoldPoint, ManifoldPoint]:
     """Return the contact points where the bars' facing sides overlap along the contact.
 
-    The reference computes from role a to b; in the exchanged roles all lengths along the contact change their signs,
-    but not the tiny number that keeps 1 / 0 away, which decides where a bar across the contact is met.
+    The reference computes from role a to role b. In exchanged roles all lengths along the contact change sign, except
+    the tiny number that prevents 1 / 0. It decides where a bar that lies across the contact is met.
     """
     flip_one, flip_two = ~(dot(one.normal, normal) > 0), ~(dot(two.normal, -normal) > 0)
     one_a, one_b = where(flip_one, one.b, one.a), where(flip_one, one.a, one.b)

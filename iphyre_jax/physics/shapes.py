@@ -32,12 +32,12 @@ Tree = TypeVar("Tree")
 class Shapes:
     """m moving bars, then S static ones; balls.
 
-    The reference computes contacts in the world frame, and so does float64. In float32 coordinates of hundreds of px
-    cost three digits, so there all is relative: bars to their centres here, pairs to the first body in `contacts`.
+    The reference computes contacts in the world frame, and so does float64. In float32, coordinates of hundreds of px
+    cost three digits. So float32 uses relative ones: bars to their centres here, pairs to the first body in `contacts`.
     """
 
-    bars: jax.Array  # (m + S, fields): ends (in float32 relative to the centre), normal, centre, residue of float32
-    balls: jax.Array  # (balls, fields): centre, radius, residue of float32
+    bars: jax.Array  # (m + S, columns), see `tables.BAR_A`; in float32 the ends are relative to the centre
+    balls: jax.Array  # (balls, columns), see `tables.BALL_CENTRE`
     bar_box: Box  # (m + S,)
     ball_box: Box  # (balls,)
     alive: jax.Array  # (m + S,) bool

@@ -24,7 +24,7 @@ from iphyre_jax.physics.joints import Constraint
 from iphyre_jax.physics.types import Cache, Motion, Timing, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where
 
-FEW_SLOTS = 2  # so few are written out, without a loop over slots
+FEW_SLOTS = 2  # up to so many are written out, without a loop over slots
 
 
 @jax.tree_util.register_dataclass
@@ -42,19 +42,19 @@ class Contacts:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CachedImpulses:
-    """What the cache has told of a contact point so far."""
+    """What the cache holds of a contact point, as far as it was searched."""
 
-    found: jax.Array  # bool, its pair touched in a step looked at
-    continuing: jax.Array  # bool, in the newest one
+    found: jax.Array  # bool, its pair touched in a step searched
+    continuing: jax.Array  # bool, in the last step
     normal: jax.Array  # impulses, px/s
     tangent: jax.Array
 
 
 def read_cache(cache: Cache, point: jax.Array) -> CachedImpulses:
-    """Return what is known of a contact point from the last three steps.
+    """Return the impulses of a contact point from the last three steps.
 
-    The newest step in which the pair touched counts, even if this very point is not in it; the last equal point wins.
-    Impulses that are two or three steps old are taken over but not applied (`continuing` is False).
+    The newest step in which its pair touched counts, even if this very point is not in it. Of several points with one
+    id the last wins. Impulses two or three steps old are starting values, but not applied (`continuing` is False).
     """
     no, zero = jnp.zeros_like(point, bool), jnp.zeros_like(cache.normal_impulse[0, 0])
     first = _match_cached(cache, point, 0, CachedImpulses(no, no, zero, zero))
@@ -70,7 +70,7 @@ def read_cache(cache: Cache, point: jax.Array) -> CachedImpulses:
 
 
 def _match_cached(cache: Cache, point: jax.Array, age: int, so_far: CachedImpulses) -> CachedImpulses:
-    """Look for a contact point among those of one step, unless its pair is found already."""
+    """Search one step for a contact point, unless its pair is found already."""
     same_pair, normal, tangent = jnp.zeros_like(so_far.found), so_far.normal, so_far.tangent
     for k in range(cache.point.shape[1]):
         stored = cache.point[age, k]
@@ -142,7 +142,6 @@ def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Mo
 def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
     """Return the signs and the signed arms of the bodies."""
     signs, arms, zero = [], [], jnp.zeros_like(point.separation)
-    bars = world.bar_a.x.shape[0]
     for body, has_tangent_arm in enumerate(layout.has_tangent_arm):
         first, second = point.first == body, point.second == body
         if layout.signs:
@@ -152,8 +151,8 @@ def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tup
             if not layout.exact:
                 arm = Vec(dot(arm, point.normal), dot(arm, perp(point.normal)))
             arms.append(Arm(arm.x, arm.y))
-        else:  # a ball's is as long as its radius, against the normal from the first body, along it from the second
-            arms.append(Arm(jnp.where(first | second, -world.radius[body - bars], zero), None))
+        else:  # a ball's arm is as long as its radius; signed, it points against the normal for either body
+            arms.append(Arm(jnp.where(first | second, -world.radius[body - layout.bars], zero), None))
     return tuple(signs), tuple(arms)
 
 
@@ -171,7 +170,7 @@ def apply_cached(world: World, contacts: Contacts, motions: list[Motion]) -> lis
 
 
 def _larger(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Return the larger number as the reference does, which takes b for a NaN; no slower than one instruction."""
+    """Return the larger number as the reference does, which takes b for a NaN; one instruction."""
     return jnp.where(a > b, a, b)
 
 
@@ -223,7 +222,7 @@ def solve(
         return impulses, *sweep_constraints(constraints, motions)
 
     def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
-        """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
+        """Run all sweeps over all slots, each kept in values of its own, so that no table is read or written."""
         points = [unpack_contact(contacts.packed[k], layout) for k in range(slots)]
 
         def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
@@ -237,7 +236,7 @@ def solve(
         return jnp.stack([lanes.stack(row) for row in own]), motions
 
     if slots <= FEW_SLOTS and not constraints:
-        # One form for any number of active slots: float32 would round otherwise from form to form.
+        # The same code for any number of active slots: float32 would round differently from one form to another.
         impulses, motions = jax.lax.cond(
             contacts.num_active > 0, written_out, lambda *unchanged: unchanged, contacts.impulses, motions
         )

@@ -14,7 +14,7 @@ from iphyre_jax.physics.vector import Vec, product
 
 
 def initial_state(topology: Topology, world: World) -> State:
-    """Return a world before its first step: everything at rest where the scene puts it."""
+    """Return a world before its first step: everything rests where the scene puts it."""
     start = world.start
     zero = jnp.zeros_like(start.x)
     at_rest = Vec(zero, zero)
@@ -53,7 +53,7 @@ def initial_state(topology: Topology, world: World) -> State:
 
 
 def eliminate(topology: Topology, world: World, state: State, removed: jax.Array) -> State:
-    """Take static bars out, (S,) bool, with their joints and springs. Their cached contacts never match again."""
+    """Remove static bars, (S,) bool, with their joints and springs. Their cached contacts never match again."""
     alive = state.alive & ~removed
     return replace(state, alive=alive, constraint_rank=joints.close_holes(topology, world, state, alive))
 
@@ -61,16 +61,16 @@ def eliminate(topology: Topology, world: World, state: State, removed: jax.Array
 def integrate_positions(state: State, timing: Timing) -> State:
     """Move every body by its velocity and bias velocity of the step before; the bias velocity is used up.
 
-    In float32 the rounding error of a position, up to 3e-5 px a step, is carried on (Kahan's sum).
+    In float32 the rounding error of a position, up to 3e-5 px a step, is carried to the next step (Kahan's sum).
     """
     motion = state.motion
-    way, position_compensation = (motion.velocity + motion.bias_velocity) * timing.dt, state.position_compensation
-    if way.exact:
-        position = state.position + way
+    shift, position_compensation = (motion.velocity + motion.bias_velocity) * timing.dt, state.position_compensation
+    if shift.exact:
+        position = state.position + shift
     else:
-        way = way + position_compensation
-        position = state.position + way
-        position_compensation = way - (position - state.position)
+        shift = shift + position_compensation
+        position = state.position + shift
+        position_compensation = shift - (position - state.position)
     angle = state.angle + product(motion.angular_velocity + motion.bias_angular_velocity, timing.dt)
     zero = jnp.zeros_like(motion.angular_velocity)
     return replace(

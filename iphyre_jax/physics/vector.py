@@ -1,8 +1,8 @@
 """Plane vectors whose float64 arithmetic rounds like the reference's.
 
-A compiler may contract ``x * y + z`` into one fused multiply-add, which rounds once; the reference's binaries round
-the product, then the sum. Every product that the solver adds to something goes through `product`, so the trick that
-forbids the contraction lives in this file alone.
+A compiler may contract ``x * y + z`` into one fused multiply-add, which rounds once. The reference's binaries round the
+product, then the sum. So every product that the solver adds to something goes through `product`. Only this file knows
+how the contraction is prevented.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def is_exact(like: jax.Array) -> bool:
 def rounded(value: jax.Array) -> jax.Array:
     """Return `value` unchanged, as a rounding point that no compiler pass sees through (float64 only).
 
-    A select between the product and the sum is what stops the contraction; barriers and bit casts do not. NaN stays
-    NaN. In float32 parity to the last bit is not defined, so contraction is left to the compiler.
+    A select between product and sum stops the contraction; barriers and bit casts do not. NaN stays NaN. In float32
+    there is no parity to the last bit, so the compiler may contract.
     """
     return jnp.where(value == value, value, jnp.nan) if is_exact(value) else value
 

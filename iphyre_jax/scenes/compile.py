@@ -15,7 +15,7 @@ from iphyre_jax.physics.types import STATIC, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.scene import Scene
 
-STATIC_ROOM = 10  # scenes with up to so many static bars share a program; more take the next even number
+STATIC_ROOM = 10  # scenes with at most so many static bars share a program; larger ones take the next even number
 SLOT_LIMIT = 16
 
 
@@ -76,22 +76,25 @@ def topology_of(scene: Scene) -> Topology:
 
 
 def _slots(bars: int, balls: int) -> int:
-    """Contact points that a world may have at once: 4 a ball, 8 a bar, the measured need being at most two thirds."""
+    """Return how many contact points a world may have at once: 4 a ball, 8 a bar.
+
+    The measured need is at most two thirds of that.
+    """
     return min(SLOT_LIMIT, 4 * balls + 8 * bars)
 
 
 def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Topology, World]:
     """Return topology and numbers of a scene.
 
-    resets: number of the reset of a reused space, 1 for a fresh one: it decides visiting order and contact ids.
+    resets: number of the reset of a reused space, 1 for a fresh one. It decides solve order and contact ids.
     dtype: "float32" or "float64", of the floating arrays (NumPy; integers are int32).
     """
     topology, bodies = topology_of(scene), _Bodies(scene)
     insertion, n_objects = bodies.insertion(resets), len(bodies.moving)
     statics, movers, bars = list(insertion.static_order), bodies.movers, bodies.movers[: topology.bars]
 
-    def vec(rows: np.ndarray, places: int | None = None) -> Vec:
-        padded = np.zeros((len(rows) if places is None else places, 2))
+    def vec(rows: np.ndarray, length: int | None = None) -> Vec:
+        padded = np.zeros((len(rows) if length is None else length, 2))
         padded[: len(rows)] = rows
         return Vec(*(_array(column, dtype) for column in padded.T))
 

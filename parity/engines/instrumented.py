@@ -29,14 +29,14 @@ def staged_step(
 def inject_state(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
     """Put the reference's state into ours: poses, velocities, and the impulses of the last step's contacts and pins.
 
-    Bias velocities stay ours: the reference shows only what they did. The rest of the cache and the bookkeeping of the
-    order hold no continuous values.
+    Bias velocities stay ours: the reference shows only their effect. The rest of the cache and what decides the order
+    hold no continuous values.
 
     Args:
         layout: which object each body is.
         state: ours after the last step.
         bodies: the reference's after the same step.
-        last: the reference's view of that step, whose contact rows are in the order of our slots; None at the start.
+        last: the reference's view of that step, with its contacts in the order of our slots; None at the start.
 
     Returns:
         Our state with the reference's numbers.

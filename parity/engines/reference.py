@@ -74,19 +74,19 @@ class ReferenceWorld:
         for _ in range(resets):
             self._empty()
             self._fill()
-        # The engine's own bodies: its functions take half as long as the properties of pymunk's.
+        # The engine's own bodies: its functions take half the time of pymunk's properties.
         self._moving = [body._body for body, moves in zip(self.bodies, scene.dynamic, strict=True) if moves]
         self._balls = [body._body for body in self.bodies[scene.n_blocks :]]
 
     def _empty(self) -> None:
-        """Take everything out in the order of the official reset: shape and body of each object, then constraints."""
+        """Remove everything in the order of the official reset: shape and body of each object, then constraints."""
         for shape, body in zip(self.shapes, self.bodies, strict=True):
             self.space.remove(shape, body)
         for _, _, constraint in self.constraints:
             self.space.remove(constraint)
 
     def _fill(self) -> None:
-        """Put in blocks in list order, balls, pin joints, springs."""
+        """Add blocks in list order, then balls, pin joints and springs."""
         scene = self.scene
         pairs = [_bar(scene.blocks[i], bool(scene.dynamic[i])) for i in range(scene.n_blocks)]
         pairs += [_ball(ball) for ball in scene.balls]
@@ -202,7 +202,7 @@ def run(
         steps: the most steps to make; the play stops earlier with the step that solves it.
         resets: see `ReferenceWorld`.
         sample_every: steps between samples.
-        gravity: factor of the gravity, to see what a small disturbance does.
+        gravity: factor of the gravity; shows what a small disturbance does.
 
     Returns:
         The outcome with its samples, K = steps // sample_every + 1.

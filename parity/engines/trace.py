@@ -23,7 +23,7 @@ class ContactRecord:
         normal_mass: (points,) float64 effective mass along the normal.
         tangent_mass: (points,) float64 effective mass along the tangent.
         bounce: (points,) float64 restitution speed, px/s.
-        bias: (points,) float64 speed asked for to undo the overlap, px/s.
+        bias: (points,) float64 target speed that undoes the overlap, px/s.
         normal_impulse: (points,) float64 accumulated impulse after the last sweep.
         tangent_impulse: (points,) float64 the same along the tangent.
         bias_impulse: (points,) float64 the same of the position correction.
@@ -58,7 +58,7 @@ class TracedWorld(ReferenceWorld):
         self._all_constraints = list(self.constraints)
         self._index = {body: i for i, body in enumerate(self.bodies)}
         self._records: list[ContactRecord] = []
-        # The callback fires once a touching pair, in the order in which the pairs were found and solved.
+        # The callback runs once for each touching pair, in solve order.
         self.space.on_collision(post_solve=self._record)
 
     def _record(self, arbiter: Any, space: object, data: object) -> None:  # noqa: ANN401 - an Arbiter of pymunk

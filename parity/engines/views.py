@@ -54,19 +54,19 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class StepView:
-    """One step as either engine sees it. Rows are contact points in solve order; M moving objects, C constraints.
+    """One step as either engine sees it. K contact points in solve order, M moving objects, C constraints.
 
     Attributes:
-        pairs: (a, b) of each row, in the reference's roles.
+        pairs: (a, b) of each contact point, in the reference's roles.
         position: (M, 2) px, after the step (bodies move in its first stage).
         angle: (M,) rad.
-        normal: (rows, 2) from a to b.
-        arm_a: (rows, 2) px, contact point relative to the centre of a.
-        arm_b: (rows, 2) the same of b.
-        separation: (rows,) px along the normal, negative when overlapping.
-        masses: (rows, 2) effective masses along normal and tangent.
-        speeds: (rows, 2) bounce and bias, px/s.
-        impulses: (rows, 3) accumulated: normal, tangent, bias.
+        normal: (K, 2) from a to b.
+        arm_a: (K, 2) px, contact point relative to the centre of a.
+        arm_b: (K, 2) the same of b.
+        separation: (K,) px along the normal, negative when overlapping.
+        masses: (K, 2) effective masses along normal and tangent.
+        speeds: (K, 2) bounce and bias, px/s.
+        impulses: (K, 3) accumulated: normal, tangent, bias.
         constraint_impulses: (C,) accumulated impulses of joints and springs, NaN where one is gone.
         velocity: (M, 2) px/s after the step.
         angular_velocity: (M,) rad/s.

@@ -1,7 +1,6 @@
 """Errors that a port of this engine is likely to make, each planted where it matters: the comparison names its stage.
 
-How much each matters, and on which games, is known from the reference itself; these six are the ones whose traces are
-not to be seen in a picture.
+The reference itself shows how much each matters, and in which games. None of these six shows in a picture.
 """
 
 from collections.abc import Callable
@@ -39,7 +38,7 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
         return right(fixed, index, point)
 
     patch.setattr(contacts, "_key", key)
-    patch.setattr(views, "_second_is_a", lambda *_: False)  # what such a solver would tell
+    patch.setattr(views, "_second_is_a", lambda *_: False)  # as such a solver would have it
 
 
 def order_by_index(patch: pytest.MonkeyPatch) -> None:
