@@ -20,7 +20,7 @@ from parity.engines.reference import schedule
 from parity.engines.trace import TracedWorld
 from parity.engines.views import StepView, reference_view
 
-Pair = tuple[int, int]
+ObjectPair = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -143,15 +143,15 @@ def _contacts(step: int, ours: StepView, theirs: StepView) -> Divergence | None:
     return None
 
 
-def _unordered(pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
+def _unordered(pairs: tuple[ObjectPair, ...]) -> tuple[ObjectPair, ...]:
     return tuple((min(pair), max(pair)) for pair in pairs)
 
 
-def _listed(pairs: tuple[Pair, ...]) -> str:
+def _listed(pairs: tuple[ObjectPair, ...]) -> str:
     return ", ".join(f"{a}-{b}" for a, b in pairs) or "none"
 
 
-def _just_touches(pair: Pair, *views: StepView) -> bool:
+def _just_touches(pair: ObjectPair, *views: StepView) -> bool:
     """Whether the separation of some point of a pair is zero up to rounding, in either view."""
     separations = [
         separation

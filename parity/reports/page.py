@@ -14,7 +14,7 @@ from parity.engines import reference
 from parity.play import GameResult
 from parity.reports.charts import Values, error_chart, sparkline, trajectories
 from parity.reports.tables import HEADINGS, LEGEND, Section, cells, headline, percent, verdict_line
-from parity.statistics import Pair, Statistics
+from parity.statistics import PlayStatistics, Statistics
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 WORST_SHOWN = 8  # pictures of the plays that went furthest astray, for each rate and type
@@ -247,7 +247,7 @@ def _astray(plans: Sequence[Astray]) -> list[str]:
     return ["<h3>Plans that go astray in float64</h3>", table]
 
 
-def _physics(pairs: Sequence[Pair]) -> list[str]:
+def _physics(pairs: Sequence[PlayStatistics]) -> list[str]:
     """Energy, momentum and contacts of one play a game, side by side."""
     if not pairs:
         return []
