@@ -15,7 +15,6 @@ from iphyre_jax.checks import check_dtype, check_positive, check_whole
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import Partition, check_same_call, partition_of
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
-from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import Scene, SceneLike, load_scene, scene_to_dict
@@ -188,7 +187,7 @@ def _simulate(
         check_same_call([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]
     for topology, _ in worlds:
-        if settings.steps > (limit := max_steps(topology)):
+        if settings.steps > (limit := topology.max_steps):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
     batch = PlanBatch(scenes, worlds, which, plan, settings, partition)
     left = np.arange(len(plan))

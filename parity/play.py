@@ -17,7 +17,7 @@ from parity.divergences import DivergedPlan, diverged_plans, explain
 from parity.engines.reference import run
 from parity.engines.trajectory import Trajectory
 from parity.plans import PlanSet, random_plans
-from parity.statistics import Pair, play_statistics
+from parity.statistics import PlayStatistics, play_statistics
 
 DURATION = 15.0  # s, the length of an official play
 
@@ -77,7 +77,7 @@ class GameResult:
     sensitivity: dict[float, PlanComparison] = field(default_factory=dict)
     worst: WorstPlan | None = None
     diverged: tuple[DivergedPlan, ...] = ()
-    statistics: Pair | None = None
+    statistics: PlayStatistics | None = None
 
     @property
     def game(self) -> str:
@@ -183,7 +183,7 @@ def _diverged(
     )
 
 
-def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) -> Pair | None:
+def _statistics(scene: Scene, plans: NDArray[np.int32], fps: int, task: Task) -> PlayStatistics | None:
     """Count in the first plan that removes something."""
     plan = min(1, len(plans) - 1)
     steps = round(min(task.statistics, task.duration) * fps)

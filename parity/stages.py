@@ -1,7 +1,7 @@
 """Compare both engines stage by stage, one step at a time, with the reference's state put into ours.
 
-Before every step our solver takes over the reference's poses, velocities and impulses, so that a difference shows in
-the stage and the step that makes it, not as its consequences.
+Before every step our solver takes over the reference's poses, velocities and impulses. So a difference shows in the
+step and the stage that make it, not in what follows from it.
 """
 
 from collections import Counter
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from parity import tolerances as tol
-from parity.engines.instrumented import OurWorld, put_in
+from parity.engines.instrumented import JaxWorld, inject_state
 from parity.engines.reference import schedule
 from parity.engines.trace import TracedWorld
-from parity.engines.views import StepView, their_view
+from parity.engines.views import StepView, reference_view
 
-Pair = tuple[int, int]
+ObjectPair = tuple[int, int]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Divergence:
         step: 0-based index of the step.
         stage: the stage's name.
         detail: what differs, with both values.
-        knife_edge: whether a contact is there in one engine only because its distance is zero up to rounding.
+        knife_edge: whether a contact is there in one engine only because its separation is zero up to rounding.
     """
 
     step: int
@@ -80,19 +80,19 @@ def compare_step(step: int, ours: StepView, theirs: StepView, pins: int, *, exac
         ours: our view of it.
         theirs: the reference's.
         pins: how many of the constraints are pin joints, whose impulses the reference shows without their sign.
-        exact: every difference counts, not only one beyond the stage's tolerance.
+        exact: count every difference, not only those beyond the stage's tolerance.
 
     Returns:
         The divergence, or None where all stages agree within their tolerances.
     """
-    mine = ours.links.copy()
+    mine = ours.constraint_impulses.copy()
     mine[:pins] = np.abs(mine[:pins])
     tolerance = 0.0 if exact else tol.STAGE_IMPULSE
     return (
         _numbers(step, ours, theirs, _BEFORE_CONTACTS, exact)
         or _contacts(step, ours, theirs)
         or _numbers(step, ours, theirs, _AT_CONTACTS, exact)
-        or _different(step, "joints and springs", mine, theirs.links, tolerance)
+        or _different(step, "joints and springs", mine, theirs.constraint_impulses, tolerance)
         or _numbers(step, ours, theirs, _AFTER_CONTACTS, exact)
     )
 
@@ -143,23 +143,23 @@ def _contacts(step: int, ours: StepView, theirs: StepView) -> Divergence | None:
     return None
 
 
-def _unordered(pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
+def _unordered(pairs: tuple[ObjectPair, ...]) -> tuple[ObjectPair, ...]:
     return tuple((min(pair), max(pair)) for pair in pairs)
 
 
-def _listed(pairs: tuple[Pair, ...]) -> str:
+def _listed(pairs: tuple[ObjectPair, ...]) -> str:
     return ", ".join(f"{a}-{b}" for a, b in pairs) or "none"
 
 
-def _just_touches(pair: Pair, *views: StepView) -> bool:
-    """Whether some point of a pair is at a distance of zero up to rounding, in either view."""
-    distances = [
-        distance
+def _just_touches(pair: ObjectPair, *views: StepView) -> bool:
+    """Whether the separation of some point of a pair is zero up to rounding, in either view."""
+    separations = [
+        separation
         for view in views
-        for other, distance in zip(_unordered(view.pairs), view.distance, strict=True)
+        for other, separation in zip(_unordered(view.pairs), view.separation, strict=True)
         if other == pair
     ]
-    return any(abs(distance) <= tol.STAGE_POINT for distance in distances)
+    return any(abs(separation) <= tol.STAGE_POINT for separation in separations)
 
 
 def first_divergence(
@@ -179,8 +179,8 @@ def first_divergence(
         fps: physics steps a second.
         steps: the most steps to compare; the step that solves the game is the last.
         resets: number of the reset to play in.
-        exact: look for the first bit that differs, both engines running free, instead of the first difference beyond
-            a stage's tolerance with the reference's state put into ours before every step.
+        exact: let both engines run free and find the first bit that differs. Else put the reference's state into ours
+            before every step and find the first difference beyond a stage's tolerance.
 
     Returns:
         The first divergence, or None.
@@ -209,7 +209,7 @@ def side_by_side(
         The step's index, our view of it, the reference's.
     """
     with jax.enable_x64(True):
-        ours, theirs = OurWorld(scene, resets, fps), TracedWorld(scene, resets)
+        ours, theirs = JaxWorld(scene, resets, fps), TracedWorld(scene, resets)
         due = schedule(scene, eliminate_at)
         last: StepView | None = None
         for k in range(steps):
@@ -217,9 +217,9 @@ def side_by_side(
                 ours.eliminate(index)
                 theirs.eliminate(index)
             if not free:
-                ours.state = put_in(ours.layout, ours.state, theirs.state(), last)
+                ours.state = inject_state(ours.layout, ours.state, theirs.state(), last)
             mine, records = ours.step(), theirs.step(1.0 / fps)
-            last = their_view(ours.layout, theirs.state(), records, theirs.constraint_impulses())
+            last = reference_view(ours.layout, theirs.state(), records, theirs.constraint_impulses())
             yield k, mine, last
             if theirs.solved():
                 return

@@ -46,7 +46,7 @@ class Statistics:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class PlayStatistics:
     """The statistics of one play.
 
     Attributes:
@@ -66,7 +66,7 @@ class Pair:
 
 def play_statistics(
     scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, plan: int, fps: int, steps: int, resets: int
-) -> Pair:
+) -> PlayStatistics:
     """Play one plan in both engines and count.
 
     Args:
@@ -85,7 +85,7 @@ def play_statistics(
     for _, ours, theirs in side_by_side(scene, eliminate_at, fps=fps, steps=steps, resets=resets, free=True):
         rows.append((_row(scene, moment, ours), _row(scene, moment, theirs)))
     table = np.array(rows)  # (K, 2, fields)
-    return Pair(scene.name, fps, plan, *(Statistics(*table[:, side].T) for side in (0, 1)))
+    return PlayStatistics(scene.name, fps, plan, *(Statistics(*table[:, side].T) for side in (0, 1)))
 
 
 def _moments(scene: Scene) -> Floats:
@@ -105,5 +105,5 @@ def _row(scene: Scene, moment: Floats, view: StepView) -> list[float]:
         float(len(balls)),
         *(float(balls.count(number)) for number in (2, 1, 0)),
         float(view.impulses[:, 0].sum()),
-        float(np.max(-view.distance, initial=0.0)),
+        float(np.max(-view.separation, initial=0.0)),
     ]

@@ -1,8 +1,9 @@
 """The reference's broad phase, reduced to what it decides: the order in which touching pairs are solved.
 
-The reference keeps moving shapes in a tree of fat boxes and every pair of overlapping boxes in linked lists that are
-only rebuilt when a shape leaves its fat box. The visiting order follows from three facts a body: its place in the tree
-(path bits), whether it was re-inserted in this step, and when each of its pairs was last inserted (counters).
+The reference keeps moving shapes in a tree of fat boxes. It keeps every pair of overlapping boxes in linked lists, and
+rebuilds a shape's lists only when the shape leaves its fat box. So the solve order follows from three facts about each
+body: its position in the tree (path bits), whether it was re-inserted in this step, and when each of its pairs was last
+inserted (counters).
 """
 
 from __future__ import annotations
@@ -15,33 +16,9 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import FAT_MARGIN
+from iphyre_jax.physics.order_keys import COUNTER_START, STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.types import Box, BroadPhase, Topology, World
 from iphyre_jax.physics.vector import Vec, product
-
-COUNTER_START = 256  # counters of the first insertions lie below
-STATIC_RANKS = 64  # more static bars than a scene can have
-
-
-class Counters:
-    """Widths of the fields of counters and order keys, from the number of moving bodies.
-
-    counter = start + step * per_step + rank * per_rank + place; key = (owner's rank, place in the owner's list, second
-    point), most significant first. 31 bits must hold it: `max_steps` is 131 070 for n = 7, 16 382 for n = 12.
-    """
-
-    def __init__(self, moving: int) -> None:
-        self.moving = moving
-        rank_bits = max(moving - 1, 0).bit_length()
-        self.per_rank = 2 ** (STATIC_RANKS + moving * moving).bit_length()
-        self.per_step = self.per_rank << rank_bits
-        self.inner_bits = 30 - rank_bits
-        self.newest = 2**self.inner_bits - 1
-        self.max_steps = (self.newest - COUNTER_START) // self.per_step - 1
-
-
-def max_steps(topology: Topology) -> int:
-    """Return how many steps an episode of a topology may have: more would not fit the counters."""
-    return Counters(topology.moving).max_steps
 
 
 def overlap(a: Box, b: Box) -> jax.Array:
@@ -60,7 +37,7 @@ def contains(outer: Box, inner: Box) -> jax.Array:
 
 
 def grow(box: Box, velocity: Vec) -> Box:
-    """Return fat boxes: exact boxes with a margin of a tenth of their size and of a tenth of a second's way ahead."""
+    """Return fat boxes: exact boxes with a margin: a tenth of their size, and a tenth of a second of motion ahead."""
     margin = jnp.array(FAT_MARGIN, box.left.dtype)
     width, height = product(box.right - box.left, margin), product(box.bottom - box.top, margin)
     ahead = velocity * margin
@@ -79,8 +56,8 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     """
     outside = ~contains(broad.fat, box)
     fat = jax.tree.map(lambda new, old: jnp.where(outside, new, old), grow(box, velocity), broad.fat)
-    counters = Counters(topology.moving)
-    base = COUNTER_START + step * counters.per_step
+    layout = OrderKeyLayout(topology.moving)
+    base = COUNTER_START + step * layout.per_step
     if topology.moving == 1:
         inserted = jnp.where(outside, jnp.expand_dims(base, 0), broad.inserted)
         return BroadPhase(fat, broad.path, broad.depth, inserted, broad.pair_counter, outside)
@@ -88,8 +65,8 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     def reinsert(_: None) -> BroadPhase:
         path, depth = _move_leaves(topology, world, broad, fat, outside)
         rank = ranks(path)
-        inserted = jnp.where(outside, jnp.expand_dims(base, 0) + rank * counters.per_rank, broad.inserted)
-        pair_counter = _count_pairs(topology, counters, base, path, rank, outside, broad.pair_counter)
+        inserted = jnp.where(outside, jnp.expand_dims(base, 0) + rank * layout.per_rank, broad.inserted)
+        pair_counter = _count_pairs(topology, layout, base, path, rank, outside, broad.pair_counter)
         return BroadPhase(fat, path, depth, inserted, pair_counter, outside)
 
     def keep(_: None) -> BroadPhase:
@@ -99,7 +76,7 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
 
 
 def ranks(path: jax.Array) -> jax.Array:
-    """Return each body's place in the depth-first order of the tree, (n,) int32."""
+    """Return each body's rank in the depth-first order of the tree, (n,) int32."""
     before = [
         sum((path[j] < path[i]).astype(jnp.int32) for j in range(path.shape[0]) if j != i) for i in range(path.shape[0])
     ]
@@ -112,7 +89,7 @@ def _bit_length(value: jax.Array) -> jax.Array:
 
 def _count_pairs(
     topology: Topology,
-    counters: Counters,
+    layout: OrderKeyLayout,
     base: jax.Array,
     path: jax.Array,
     rank: jax.Array,
@@ -128,8 +105,8 @@ def _count_pairs(
         i_low = rank[i] < rank[j]
         by_i = jnp.where(i_low, outside[i], ~outside[j])
         mine, other = jnp.where(by_i, rank[i], rank[j]), jnp.where(by_i, rank[j], rank[i])
-        place = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * counters.moving + other
-        rows.append(jnp.where(outside[i] | outside[j], base + mine * counters.per_rank + place, old[p]))
+        position = STATIC_RANKS + _bit_length(path[i] ^ path[j]) * layout.moving + other
+        rows.append(jnp.where(outside[i] | outside[j], base + mine * layout.per_rank + position, old[p]))
     return jnp.stack(rows)
 
 
@@ -159,7 +136,7 @@ def _of(me: jax.Array, values: jax.Array) -> jax.Array:
 
 
 def _remove(n: int, me: jax.Array, path: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Take one leaf out of the tree: those under its sibling lose the bit that told them from it."""
+    """Take one leaf out of the tree: those under its sibling lose the bit that told them apart from it."""
     bits = n - 1
     level = _of(me, depth) - 1  # the leaf's own last bit
     below = bits - level  # bits from that level down
@@ -190,7 +167,7 @@ def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array
 
 
 def _goes_second(first: jax.Array, second: jax.Array, boxes: Box, mine: Box) -> jax.Array:
-    """Return whether a new leaf goes into the second subtree: growth of area decides, then nearness, then the first."""
+    """Return whether a new leaf goes into the second subtree: least growth of area, then nearness, then the first."""
     a, b = _hull(first, boxes), _hull(second, boxes)
     cost_a = _area(b) + _area(_union(a, mine))
     cost_b = _area(a) + _area(_union(b, mine))
@@ -227,8 +204,8 @@ def _proximity(a: Box, b: Box) -> jax.Array:
 
 
 @dataclass(frozen=True)
-class Order:
-    """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Always even."""
+class OrderKeys:
+    """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Keys are even."""
 
     static: jax.Array  # (n, S) int32, pairs of a moving body and a static bar
     moving: tuple[jax.Array, ...]  # () int32 for each of `topology.pairs`
@@ -241,19 +218,20 @@ class Order:
         return jnp.concatenate([*(self.moving[p][None] for p in pairs), self.static[body]])
 
 
-def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
+def order(topology: Topology, world: World, broad: BroadPhase) -> OrderKeys:
     """Return the order keys of all pairs.
 
-    The body of the higher rank owns a pair of moving bodies. On the step of its owner's re-insertion static bars come
-    by rank, then moving bodies, and the owner is a; otherwise the pair inserted last comes first and the owner is b.
+    Of two moving bodies, the one of the higher rank owns the pair. On the step of its owner's re-insertion, static bars
+    come first, by rank, then moving bodies, and the owner has role a. Otherwise the pair inserted last comes first, and
+    the owner has role b.
     """
-    c = Counters(topology.moving)
+    c = OrderKeyLayout(topology.moving)
     rank = ranks(broad.path) if topology.moving > 1 else jnp.zeros_like(broad.path)
-    place = lanes.iota(topology.num_static, rank[0])[None]
+    static_rank = lanes.iota(topology.num_static, rank[0])[None]
     inserted, updated = broad.inserted[:, None], broad.updated[:, None]
     first = world.static_counter.reshape(topology.moving, topology.num_static, *rank.shape[1:])
-    counter = jnp.where(inserted < 0, first, inserted + place)
-    static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, place, c.newest - counter)) << 1
+    counter = jnp.where(inserted < 0, first, inserted + static_rank)
+    static = ((rank[:, None] << c.inner_bits) | jnp.where(updated, static_rank, c.newest - counter)) << 1
     moving, low_is_a, by_owner = [], [], []
     for p, (i, j) in enumerate(topology.pairs):
         i_owns = rank[i] > rank[j]
@@ -264,4 +242,4 @@ def order(topology: Topology, world: World, broad: BroadPhase) -> Order:
         moving.append(((owner << c.inner_bits) | inner) << 1)
         low_is_a.append(i_owns == fresh)
         by_owner.append(fresh)
-    return Order(static, tuple(moving), tuple(low_is_a), tuple(by_owner))
+    return OrderKeys(static, tuple(moving), tuple(low_is_a), tuple(by_owner))

@@ -1,12 +1,12 @@
-"""One contact point of the solver: how fast its bodies move there, and what an impulse there does to them.
+"""One contact of the solver: how fast its bodies move there, and what an impulse there does to them.
 
-Which bodies a contact joins differs from lane to lane, so it holds for every moving body a sign, -1 for the first body,
-1 for the second, 0 for the others, and its arm times that sign; all masses are 1. Then relative velocity = sum sign v +
-perp(arm) w, and an impulse j changes v by sign j and w by cross(arm, j) / I, without choosing bodies. The signs are
-exact, so nothing is rounded otherwise than in the reference.
+Which two bodies touch differs from lane to lane. So a contact holds two things for every moving body: a sign (-1 for
+the first body, 1 for the second, 0 for the others) and the body's arm times that sign. All masses are 1. Then the
+relative velocity is sum(sign v + perp(arm) w), and an impulse j changes v by sign j and w by cross(arm, j) / I. No body
+has to be selected. A product with a sign is exact, so everything rounds as in the reference.
 
-In float64 arms are in the world's frame, as the reference's. In float32 they are in the contact's, normal and tangent,
-which costs half the work for a ball: its arm lies along the normal, so pushes along it do not turn it.
+In float64 arms are in the world frame, as in the reference; in float32 in the contact's frame, normal and tangent. That
+halves the work for a ball: its arm lies along the normal, so a push along the normal does not turn it.
 """
 
 from __future__ import annotations
@@ -17,15 +17,33 @@ import jax
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Motion, World
-from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate
+
+COMMON = 6  # columns before the signs and arms
 
 
 @dataclass(frozen=True)
-class Form:
-    """What the arms of a contact consist of; static."""
+class ContactLayout:
+    """Which columns a packed contact has; static."""
 
-    signs: bool  # False: only one body moves, which is always the first
-    across: tuple[bool, ...]  # for each moving body whether its arm has a second component
+    bars: int  # moving bars
+    moving: int  # moving bodies
+    exact: bool  # rounded as the reference's
+
+    @property
+    def signs(self) -> bool:
+        """Whether there are signs; without them only one body moves, which is always the first."""
+        return self.moving > 1
+
+    @property
+    def has_tangent_arm(self) -> tuple[bool, ...]:
+        """For each moving body whether its arm has a second component: only a ball's in the contact's frame has not."""
+        return tuple(self.exact or body < self.bars for body in range(self.moving))
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return COMMON + self.moving * (1 + self.signs) + sum(self.has_tangent_arm)
 
 
 @dataclass(frozen=True)
@@ -40,14 +58,14 @@ class Arm:
         return product(self.x, vec.y) if self.y is None else cross(Vec(self.x, self.y), vec)
 
     def turned(self, angular_velocity: jax.Array, onto: Vec) -> Vec:
-        """Return onto + perp(arm) angular, the velocity at the contact."""
+        """Return onto + perp(arm) * angular velocity, the velocity at the contact."""
         x = onto.x if self.y is None else onto.x - product(self.y, angular_velocity)
         return Vec(x, onto.y + product(self.x, angular_velocity))
 
 
 @dataclass(frozen=True)
 class Contact:
-    """What the sweeps need of a contact point."""
+    """A contact point as the sweeps see it."""
 
     normal: Vec
     normal_mass: jax.Array
@@ -64,38 +82,25 @@ class Contact:
         return lanes.stack([*own, *self.sign, *arms])
 
 
-def form(bars: int, moving: int, *, exact: bool) -> Form:
-    """Return the form of the contacts of a world with so many moving bars and bodies; exact: rounded as the reference.
-
-    Only of a ball's arm in the contact's frame is the second component zero.
-    """
-    return Form(moving > 1, tuple(exact or body < bars for body in range(moving)))
+def layout_of(world: World) -> ContactLayout:
+    """Return the layout of a world's contacts."""
+    return ContactLayout(world.bar_a.x.shape[0], world.start.x.shape[0], world.exact)
 
 
-def form_of(world: World) -> Form:
-    """Return the form of a world's contacts."""
-    return form(world.bar_a.x.shape[0], world.start.x.shape[0], exact=rounds_as_reference(world.start))
-
-
-def fields(of: Form) -> int:
-    """Return how many numbers a packed contact has."""
-    return 6 + len(of.across) * (1 + of.signs) + sum(of.across)
-
-
-def unpack_contact(packed: jax.Array, of: Form, axis: int = 0) -> Contact:
+def unpack_contact(packed: jax.Array, layout: ContactLayout, axis: int = 0) -> Contact:
     """Return a packed contact, or with axis 1 a whole table of them, by the names of its fields."""
-    n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(fields(of))]
-    signs, arms = [n.pop(6) for _ in of.across if of.signs], n[6:]
-    vectors = [Arm(arms.pop(0), arms.pop(0) if across else None) for across in of.across]
+    n = [jax.lax.index_in_dim(packed, k, axis, keepdims=False) for k in range(layout.width)]
+    signs, arms = [n.pop(COMMON) for _ in range(layout.moving) if layout.signs], n[COMMON:]
+    vectors = [Arm(arms.pop(0), arms.pop(0) if tangent else None) for tangent in layout.has_tangent_arm]
     return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], tuple(signs), tuple(vectors))
 
 
 def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
-    """Return the velocity, or bias velocity, of the second contact point against the first: normal, tangential."""
+    """Return the velocity (or bias velocity) of the second body relative to the first, there: normal, tangential."""
     velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
     angular_velocities = [motion.bias_angular_velocity if bias else motion.angular_velocity for motion in motions]
     own = [_times(contact, k, velocity) for k, velocity in enumerate(velocities)]
-    if rounds_as_reference(contact.normal):
+    if contact.normal.exact:
         at = [
             arm.turned(angular_velocity, vec)
             for arm, angular_velocity, vec in zip(contact.arm, angular_velocities, own, strict=True)
@@ -111,7 +116,7 @@ def apply_impulse(
     world: World, contact: Contact, motions: list[Motion], impulse: Vec, push: jax.Array | None = None
 ) -> list[Motion]:
     """Give the bodies an impulse (normal, tangential), and a bias impulse along the normal, px/s."""
-    exact = rounds_as_reference(contact.normal)
+    exact = contact.normal.exact
     whole = rotate(contact.normal, impulse)
     whole_push = None if push is None else contact.normal * push
     out = []
@@ -131,7 +136,7 @@ def apply_impulse(
 
 
 def _times(contact: Contact, body: int, vec: Vec) -> Vec:
-    """Return the sign of a body times a vector, which rounds nothing."""
+    """Return the sign of a body times a vector; this is exact."""
     if not contact.sign:
         return -vec
     return Vec(contact.sign[body] * vec.x, contact.sign[body] * vec.y)

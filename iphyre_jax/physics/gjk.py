@@ -1,12 +1,12 @@
 """Nearest side of two bars' difference set, searched for as the reference does it (float64).
 
-The difference set {q - p}, p on the first bar's core line and q on the second's, is a parallelogram. The side nearest
-to the origin tells how the bars lie to each other: it is found by the search of Gilbert, Johnson and Keerthi (GJK) if
-the core lines do not cross, else by the expanding polytope algorithm (EPA). Two sides may be equally near (parallel
-bars) and their distances round differently, so the way of the search decides the last digits. It starts from the side
-at which the step before ended.
+The difference set {q - p}, with p on the first bar's core line and q on the second's, is a parallelogram. Its side
+nearest to the origin gives the contact normal. If the core lines do not cross, the search of Gilbert, Johnson and
+Keerthi (GJK) finds it; if they cross, the expanding polytope algorithm (EPA) does. Two sides may be equally near
+(parallel bars), and their distances round differently. So the path of the search decides the last digits, and the
+search starts from the side at which the last step's search ended.
 
-Exchanging the bars turns the set by half a circle, so neither search depends on the bars' roles.
+Exchanging the bars turns the set by half a circle, so the result does not depend on the bars' roles.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class _Search:
 
 
 def separation(one: Segment, two: Segment, start: jax.Array) -> tuple[Vec, jax.Array, jax.Array]:
-    """Return how two core lines are apart.
+    """Return how far two core lines are apart, and in which direction.
 
     Args:
         one: first bar.
@@ -53,8 +53,8 @@ def separation(one: Segment, two: Segment, start: jax.Array) -> tuple[Vec, jax.A
         start: int32, the side to start from, 4 * corner + corner; NO_SIDE to choose one by the bars' boxes.
 
     Returns:
-        Normal, from the first to the second bar, the zero vector for two bars on exactly one line; distance, px,
-        negative if the core lines cross; and the side found.
+        The unit normal, from the first to the second bar (the zero vector for two bars on exactly one line); the
+        distance, px, negative if the core lines cross; the side found, int32.
     """
     v, w = _start(one, two, start)
     on = jnp.ones_like(start, bool)
@@ -80,7 +80,7 @@ def nearest(a: Vec, b: Vec) -> tuple[Vec, jax.Array, Vec]:
 
 
 def _start(one: Segment, two: Segment, side: jax.Array) -> tuple[Corner, Corner]:
-    """Return the corners of a side; for NO_SIDE those that lie farthest across the line between the boxes' centres."""
+    """Return the corners of a side; for NO_SIDE the two farthest corners across the line of the boxes' centres."""
     across = perp(_box_centre(one) - _box_centre(two))
     known = side != NO_SIDE
     v = _choose(known, _corner(one, two, side >> 2), _support(one, two, across))
@@ -88,7 +88,7 @@ def _start(one: Segment, two: Segment, side: jax.Array) -> tuple[Corner, Corner]
 
 
 def _exchange(one: Segment, two: Segment, search: _Search) -> _Search:
-    """Look for the corner farthest towards the origin; if nearer than the side, it replaces one of its ends."""
+    """Find the corner farthest towards the origin; if it is nearer than the side, it replaces one of its ends."""
     behind = _greater(search.w.at, search.v.at)
     v, w = _choose(behind, search.w, search.v), _choose(behind, search.v, search.w)
     point, inner, edge = nearest(v.at, w.at)
@@ -109,7 +109,7 @@ def _exchange(one: Segment, two: Segment, search: _Search) -> _Search:
 
 
 def _expand(one: Segment, two: Segment, search: _Search) -> tuple[Corner, Corner]:
-    """Return the nearest side where the origin lies inside; of equally near ones the first in the reference's order."""
+    """Return the nearest side where the origin lies inside; of equally near ones, the reference's first."""
     a, b, c = _nearest_side([search.w, search.v, search.farthest])
     q = _support(one, two, perp(b.at - a.at))
     beyond = (q.code != a.code) & (q.code != b.code) & _greater(a.at, b.at, q.at)
@@ -165,7 +165,7 @@ def _choose(mask: jax.Array, a: Corner, b: Corner) -> Corner:
 
 
 def _greater(a: Vec, b: Vec, c: Vec | None = None) -> jax.Array:
-    """Return whether c, the origin if not given, lies strictly to the reference's right of the way from a to b."""
+    """Return whether c (default: the origin) lies strictly right of the line from a to b, in the reference's sense."""
     x, y = a.x + b.x, a.y + b.y
     if c is not None:
         x, y = x - 2 * c.x, y - 2 * c.y

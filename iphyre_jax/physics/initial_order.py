@@ -1,8 +1,8 @@
 """What the reference's broad phase looks like before the first step, replayed on the host.
 
-The reference keeps static and moving shapes in two box trees and gives every pair of overlapping boxes a place in
-linked lists, so the order of the first contacts depends on how the shapes were inserted. All of it is a constant of
-the scene and of the number of the reset, so it is computed here once, in plain Python and float64:
+The reference keeps static and moving shapes in two box trees, and every pair of overlapping boxes in linked lists. So
+the order of the first contacts depends on how the shapes were inserted. It depends on nothing but the scene and the
+number of the reset, so it is computed once, in plain Python and float64:
 
 * the depth-first rank of the static bars in their tree (it never changes, removal included);
 * path bits and depth of every moving shape in its tree;

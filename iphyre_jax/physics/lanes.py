@@ -1,8 +1,8 @@
 """Small helpers for arrays whose trailing axes are lanes (many worlds side by side).
 
-Loops work on tables, arrays with one row for each thing that the loop visits. Rows are read and stacked behind
-barriers: inside a fused loop the compiler would load a row's index again, or choose among the stacked parts, for every
-lane, and such a loop is not vectorised.
+Loops work on tables: arrays with one row for each thing that the loop visits. Rows are read and stacked behind
+optimization barriers. Without them the compiler fuses the read into the loop over lanes, loads the row's index again
+for every lane (or chooses among the stacked parts there), and does not vectorise the loop.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Contact points of two shapes, each function one pair of shapes as the reference names it.
+"""Contact points of two shapes: one function for each pair of shapes, named as in the reference.
 
-Normals point from the first shape to the second; contact points lie on the surfaces. Signs of comparison are part of
-the method: circles touch when strictly nearer than the sum of the radii, segments when not farther.
+Normals point from the first shape to the second; contact points lie on the surfaces. Strict and non-strict comparisons
+matter: circles touch when strictly nearer than the sum of their radii, segments when not farther.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from iphyre_jax.physics.vector import (
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Touch:
+class ManifoldPoint:
     """One possible contact point."""
 
     touching: jax.Array  # bool
@@ -43,14 +43,14 @@ class Touch:
 
 def circle_circle(
     centre_a: Vec, radius_a: jax.Array, centre_b: Vec, radius_b: jax.Array, first_is_a: jax.Array
-) -> Touch:
-    """Return the contact of two balls. With one centre they are pushed apart along x, from role a to role b."""
+) -> ManifoldPoint:
+    """Return the contact of two balls. If their centres coincide, the normal is along x, from role a to role b."""
     delta, reach = centre_b - centre_a, radius_a + radius_b
     right = _signed(jnp.ones_like(delta.x), first_is_a)
     return _round_contact(centre_a, radius_a, centre_b, radius_b, delta, reach, Vec(right, jnp.zeros_like(right)))
 
 
-def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
+def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> ManifoldPoint:
     """Return the contact of a ball and a bar: the ball against the nearest point of the core line."""
     along = bar.b - bar.a
     t = clamp01(dot(along, centre - bar.a) / dot(along, along))
@@ -61,19 +61,21 @@ def circle_segment(centre: Vec, radius: jax.Array, bar: Segment) -> Touch:
 
 def _round_contact(
     p: Vec, radius_p: jax.Array, q: Vec, radius_q: jax.Array, delta: Vec, reach: jax.Array, if_coincident: Vec
-) -> Touch:
+) -> ManifoldPoint:
     """Return the contact of two discs around p and q, `delta` = q - p."""
     square = dot(delta, delta)
     distance = rounded(jnp.sqrt(square))
     apart = distance != 0
     normal = where(apart, delta * (1.0 / jnp.where(apart, distance, 1)), if_coincident)
     touching = square < product(reach, reach)
-    return Touch(touching, normal, p + normal * radius_p, q + normal * -radius_q, jnp.zeros_like(touching, jnp.int32))
+    return ManifoldPoint(
+        touching, normal, p + normal * radius_p, q + normal * -radius_q, jnp.zeros_like(touching, jnp.int32)
+    )
 
 
 def segment_segment(
     one: Segment, two: Segment, first_is_a: jax.Array, start: jax.Array | None
-) -> tuple[tuple[Touch, Touch], jax.Array | None]:
+) -> tuple[tuple[ManifoldPoint, ManifoldPoint], jax.Array | None]:
     """Return the two possible contact points of two bars, in the reference's order for roles (one, two).
 
     Exchanging the bars flips the normal and exchanges the points.
@@ -100,8 +102,9 @@ def segment_segment(
 def _separation(one: Segment, two: Segment) -> tuple[Vec, jax.Array]:
     """Return normal and distance of two core lines that do not cross.
 
-    For float32, as the nearest of the four sides of the difference set. The reference's search decides between equally
-    near sides by rounding, which differs there: it took multi_ball_lever at 10 fps from 94 % of plans within 1 px to 0.
+    For float32: takes the nearest of the four sides of the difference set. The reference's search decides between
+    equally near sides by rounding, and float32 rounds otherwise: with that search, multi_ball_lever at 10 fps fell from
+    94 % of plans within 1 px to none.
     """
     sides = _sides(one, two)
     point, inner, edge = nearest(*sides[0])
@@ -162,11 +165,13 @@ def _signed(value: jax.Array, positive: jax.Array) -> jax.Array:
     return jnp.where(positive, value, -value)
 
 
-def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: jax.Array) -> tuple[Touch, Touch]:
+def _clip(
+    one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: jax.Array
+) -> tuple[ManifoldPoint, ManifoldPoint]:
     """Return the contact points where the bars' facing sides overlap along the contact.
 
-    The reference computes from role a to b; in the exchanged roles all lengths along the contact change their signs,
-    but not the tiny number that keeps 1 / 0 away, which decides where a bar across the contact is met.
+    The reference computes from role a to role b. In exchanged roles all lengths along the contact change sign, except
+    the tiny number that prevents 1 / 0. It decides where a bar that lies across the contact is met.
     """
     flip_one, flip_two = ~(dot(one.normal, normal) > 0), ~(dot(two.normal, -normal) > 0)
     one_a, one_b = where(flip_one, one.b, one.a), where(flip_one, one.a, one.b)
@@ -178,11 +183,11 @@ def _clip(one: Segment, two: Segment, normal: Vec, near: jax.Array, first_is_a: 
     out = normal * jnp.array(BAR_RADIUS, normal.x.dtype)
     end_one, end_two = flip_one.astype(jnp.int32), flip_two.astype(jnp.int32)
 
-    def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> Touch:
+    def point(u_two: jax.Array, u_one: jax.Array, point_id: jax.Array) -> ManifoldPoint:
         on_one = out + lerp(one_a, one_b, clamp01(product(u_two - u_one_a, scale_one)))
         on_two = -out + lerp(two_a, two_b, clamp01(product(u_one - u_two_a, scale_two)))
         touching = near & (dot(on_two - on_one, normal) <= 0)
-        return Touch(touching, normal, on_one, on_two, point_id)
+        return ManifoldPoint(touching, normal, on_one, on_two, point_id)
 
     first = point(u_two_b, u_one_a, 2 * end_one + (1 - end_two))
     second = point(u_two_a, u_one_b, 2 * (1 - end_one) + end_two)

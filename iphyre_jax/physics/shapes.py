@@ -10,8 +10,19 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import BAR_RADIUS
+from iphyre_jax.physics.tables import (
+    BALL_CENTRE,
+    BALL_COMPENSATION,
+    BALL_RADIUS,
+    BAR_A,
+    BAR_B,
+    BAR_CENTRE,
+    BAR_COMPENSATION,
+    BAR_NORMAL,
+    vec,
+)
 from iphyre_jax.physics.types import Box, Segment, State, Topology, World
-from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, is_exact, product
 
 Tree = TypeVar("Tree")
 
@@ -21,12 +32,12 @@ Tree = TypeVar("Tree")
 class Shapes:
     """m moving bars, then S static ones; balls.
 
-    The reference computes contacts in the world frame, and so does float64. In float32 coordinates of hundreds of px
-    cost three digits, so there all is relative: bars to their centres here, pairs to the first body in `contacts`.
+    The reference computes contacts in the world frame, and so does float64. In float32, coordinates of hundreds of px
+    cost three digits. So float32 uses relative ones: bars to their centres here, pairs to the first body in `contacts`.
     """
 
-    bars: jax.Array  # (m + S, fields): ends (in float32 relative to the centre), normal, centre, residue of float32
-    balls: jax.Array  # (balls, fields): centre, radius, residue of float32
+    bars: jax.Array  # (m + S, columns), see `tables.BAR_A`; in float32 the ends are relative to the centre
+    balls: jax.Array  # (balls, columns), see `tables.BALL_CENTRE`
     bar_box: Box  # (m + S,)
     ball_box: Box  # (balls,)
     alive: jax.Array  # (m + S,) bool
@@ -38,7 +49,7 @@ class Bar:
 
     segment: Segment
     centre: Vec  # px
-    residue: Vec | None  # px, belongs to the centre; None in float64
+    compensation: Vec | None  # px, belongs to the centre; None in float64
 
 
 @dataclass(frozen=True)
@@ -47,7 +58,7 @@ class Ball:
 
     centre: Vec  # px
     radius: jax.Array  # px
-    residue: Vec | None
+    compensation: Vec | None
 
 
 def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
@@ -56,12 +67,12 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
     angle, centre = state.angle[:m], state.position[:m]
     turn = Vec(jnp.cos(angle), jnp.sin(angle))
 
-    def place(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
+    def turned(local: Vec) -> Vec:  # row by row of the reference's matrix: (cos x + -sin y) + t
         x = product(turn.x, local.x) + product(-turn.y, local.y)
         y = product(turn.y, local.x) + product(turn.x, local.y)
         return Vec(x, y)
 
-    moving = Segment(place(world.bar_a), place(world.bar_b), place(world.bar_normal))
+    moving = Segment(turned(world.bar_a), turned(world.bar_b), turned(world.bar_normal))
     static = Segment(world.static_a, world.static_b, world.static_normal)
     in_world = _join(shifted(moving, centre), static)
     bar_centre = _join(centre, world.static_centre)
@@ -69,10 +80,10 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
     bars = in_world
     of_bars: tuple[jax.Array, ...] = ()
     of_balls: tuple[jax.Array, ...] = ()
-    if not rounds_as_reference(centre):
+    if not world.exact:
         bars = _join(moving, shifted(static, -world.static_centre))
         still = jax.tree.map(jnp.zeros_like, world.static_centre)
-        of_bars, of_balls = _xy(_join(state.residue[:m], still)), _xy(state.residue[m:])
+        of_bars, of_balls = _xy(_join(state.position_compensation[:m], still)), _xy(state.position_compensation[m:])
     return Shapes(
         bars=lanes.stack([*_xy(bars.a), *_xy(bars.b), *_xy(bars.normal), *_xy(bar_centre), *of_bars], axis=1),
         balls=lanes.stack([*_xy(balls), world.radius, *of_balls], axis=1),
@@ -83,14 +94,14 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
 
 
 def bar(row: jax.Array) -> Bar:
-    """Return the bar of one row, (fields,)."""
-    segment = Segment(Vec(row[0], row[1]), Vec(row[2], row[3]), Vec(row[4], row[5]))
-    return Bar(segment, Vec(row[6], row[7]), Vec(row[8], row[9]) if row.shape[0] > 8 else None)
+    """Return the bar of one row, (columns,)."""
+    segment = Segment(vec(row, BAR_A), vec(row, BAR_B), vec(row, BAR_NORMAL))
+    return Bar(segment, vec(row, BAR_CENTRE), None if is_exact(row) else vec(row, BAR_COMPENSATION))
 
 
 def ball(row: jax.Array) -> Ball:
-    """Return the ball of one row, (fields,)."""
-    return Ball(Vec(row[0], row[1]), row[2], Vec(row[3], row[4]) if row.shape[0] > 3 else None)
+    """Return the ball of one row, (columns,)."""
+    return Ball(vec(row, BALL_CENTRE), row[BALL_RADIUS], None if is_exact(row) else vec(row, BALL_COMPENSATION))
 
 
 def shifted(segment: Segment, by: Vec) -> Segment:
@@ -116,4 +127,4 @@ def _bar_box(segment: Segment) -> Box:
 
 def moving_boxes(topology: Topology, shapes: Shapes) -> Box:
     """Return the exact boxes of the moving bodies, bars first."""
-    return _join(jax.tree.map(lambda side: side[: topology.bars], shapes.bar_box), shapes.ball_box)
+    return _join(jax.tree.map(lambda edge: edge[: topology.bars], shapes.bar_box), shapes.ball_box)

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import joints, lanes
+from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTION, SLOP, SWEEPS
 from iphyre_jax.physics.contact_rows import (
     Arm,
     Contact,
-    Form,
+    ContactLayout,
     apply_impulse,
-    fields,
-    form_of,
+    layout_of,
     relative_velocity,
     unpack_contact,
 )
-from iphyre_jax.physics.contacts import STATIC_BODY, Point, Points, unpack
-from iphyre_jax.physics.types import Cache, Motion, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rounds_as_reference, where
+from iphyre_jax.physics.contact_table import STATIC_BODY, ContactPoint, ContactTable
+from iphyre_jax.physics.joints import Constraint
+from iphyre_jax.physics.types import Cache, Motion, Timing, World
+from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where
 
-FEW_SLOTS = 2  # so few are written out, without a loop over slots
+FEW_SLOTS = 2  # up to so many are written out, without a loop over slots
 
 
 @jax.tree_util.register_dataclass
@@ -31,44 +32,45 @@ FEW_SLOTS = 2  # so few are written out, without a loop over slots
 class Contacts:
     """The contact points of a step in solve order, (K,) rows."""
 
-    points: Points
-    fixed: jax.Array  # (K, fields), see `contact_point.Contact`
+    points: ContactTable
+    packed: jax.Array  # (K, columns), see `contact_rows.Contact`
     impulses: jax.Array  # (K, 3) accumulated: normal, tangent, bias, px/s
     continuing: jax.Array  # (K,) bool, touched in the step before
+    num_active: jax.Array  # () int32, slots in use in any lane; an empty slot among them pushes nothing
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class _Recalled:
-    """What the cache has told of a contact point so far."""
+class CachedImpulses:
+    """What the cache holds of a contact point, as far as it was searched."""
 
-    found: jax.Array  # bool, its pair touched in a step looked at
-    continuing: jax.Array  # bool, in the newest one
+    found: jax.Array  # bool, its pair touched in a step searched
+    continuing: jax.Array  # bool, in the last step
     normal: jax.Array  # impulses, px/s
     tangent: jax.Array
 
 
-def recall(cache: Cache, point: jax.Array) -> _Recalled:
-    """Return what is known of a contact point from the last three steps.
+def read_cache(cache: Cache, point: jax.Array) -> CachedImpulses:
+    """Return the impulses of a contact point from the last three steps.
 
-    The newest step in which the pair touched counts, even if this very point is not in it; the last equal point wins.
-    Impulses that are two or three steps old are taken over but not applied (`continuing` is False).
+    The newest step in which its pair touched counts, even if this very point is not in it. Of several points with one
+    id the last wins. Impulses two or three steps old are starting values, but not applied (`continuing` is False).
     """
     no, zero = jnp.zeros_like(point, bool), jnp.zeros_like(cache.normal_impulse[0, 0])
-    first = _look(cache, point, 0, _Recalled(no, no, zero, zero))
+    first = _match_cached(cache, point, 0, CachedImpulses(no, no, zero, zero))
     first = replace(first, continuing=first.found)
 
-    def older(so_far: _Recalled) -> _Recalled:
+    def older(so_far: CachedImpulses) -> CachedImpulses:
         for age in range(1, PERSISTENCE):
-            so_far = _look(cache, point, age, so_far)
+            so_far = _match_cached(cache, point, age, so_far)
         return so_far
 
     unknown = lanes.any_set(lanes.any_lane((~first.found & (point >= 0))[None]))
     return jax.lax.cond(unknown, older, lambda so_far: so_far, first)
 
 
-def _look(cache: Cache, point: jax.Array, age: int, so_far: _Recalled) -> _Recalled:
-    """Look for a contact point among those of one step, unless its pair is found already."""
+def _match_cached(cache: Cache, point: jax.Array, age: int, so_far: CachedImpulses) -> CachedImpulses:
+    """Search one step for a contact point, unless its pair is found already."""
     same_pair, normal, tangent = jnp.zeros_like(so_far.found), so_far.normal, so_far.tangent
     for k in range(cache.point.shape[1]):
         stored = cache.point[age, k]
@@ -79,9 +81,9 @@ def _look(cache: Cache, point: jax.Array, age: int, so_far: _Recalled) -> _Recal
     return replace(so_far, found=so_far.found | same_pair, normal=normal, tangent=tangent)
 
 
-def remember(cache: Cache, contacts: Contacts) -> Cache:
+def write_cache(cache: Cache, contacts: Contacts) -> Cache:
     """Return the cache with this step's points in front and the oldest step dropped."""
-    ids = unpack(contacts.points.tag, contacts.points.numbers, axis=1).id
+    ids = contacts.points.unpack(axis=1).id
     newest = Cache(ids, contacts.impulses[:, 0], contacts.impulses[:, 1])
     return jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), newest, cache)
 
@@ -97,35 +99,30 @@ def stack(motions: list[Motion]) -> Motion:
 
 
 def prestep(
-    world: World, timing: Timing, points: Points, used: jax.Array, motions: list[Motion], cache: Cache
+    world: World, timing: Timing, points: ContactTable, num_active: jax.Array, motions: list[Motion], cache: Cache
 ) -> Contacts:
-    """Return the contacts of a step: masses, wanted speeds and recalled impulses, from the velocities as they are.
+    """Return the contacts of a step: masses, wanted speeds and cached impulses, from the velocities as they are."""
+    layout, like = layout_of(world), points.numbers[:, 0]
+    lane = like.shape[1:]
+    packed = jnp.zeros((like.shape[0], layout.width, *lane), like.dtype)
+    impulses = jnp.zeros((like.shape[0], 3, *lane), like.dtype)
+    Rows = tuple[ContactTable, jax.Array, jax.Array, jax.Array]
 
-    used: number of slots in use in any lane.
-    """
-    like = points.numbers[:, 0]
-    empty = Contacts(
-        points,
-        jnp.zeros((like.shape[0], fields(form_of(world)), *like.shape[1:]), like.dtype),
-        jnp.zeros((like.shape[0], 3, *like.shape[1:]), like.dtype),
-        jnp.zeros_like(like, bool),
-    )
-
-    def prepare(k: jax.Array, row: Points, contacts: Contacts) -> Contacts:
-        point = unpack(row.tag, row.numbers)
-        known = recall(cache, point.id)
+    def prepare(k: jax.Array, row: ContactTable, rows: Rows) -> Rows:
+        point = row.unpack()
+        known = read_cache(cache, point.id)
         impulses = lanes.stack([known.normal, known.tangent, jnp.zeros_like(known.normal)])
-        new = Contacts(row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing)
-        return lanes.write(contacts, k, new)
+        return lanes.write(rows, k, (row, _prepare(world, timing, point, motions).pack(), impulses, known.continuing))
 
-    return lanes.visit(points, used, prepare, empty)
+    rows = lanes.visit(points, num_active, prepare, (points, packed, impulses, jnp.zeros_like(like, bool)))
+    return Contacts(*rows, num_active)
 
 
-def _prepare(world: World, timing: Timing, point: Point, motions: list[Motion]) -> Contact:
+def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Motion]) -> Contact:
     """Return a contact point's masses and wanted speeds.
 
     normal mass 1 / sum(1/m + (r x n)^2 / I), tangent mass the same with the tangent; bias speed
-    -bias min(0, distance + slop) / dt; bounce = restitution * relative normal speed, never limited.
+    -bias min(0, separation + slop) / dt; bounce = restitution * relative normal speed, never limited.
     """
     moment = [world.inv_moment[i] for i in range(len(motions))]
     inv_first, inv_second = lanes.pick(moment, point.first), lanes.pick(moment, point.second)
@@ -136,45 +133,44 @@ def _prepare(world: World, timing: Timing, point: Point, motions: list[Motion]) 
         total = 1.0 / MASS + product(product(inv_first, turn_first), turn_first)
         total = total + (inv_mass_second + product(product(inv_second, turn_second), turn_second))
         masses.append(1.0 / total)
-    bias = product(-timing.bias, jnp.minimum(point.distance + SLOP, 0)) / timing.dt
-    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_arms(world, point, form_of(world)))
+    bias = product(-timing.bias, jnp.minimum(point.separation + SLOP, 0)) / timing.dt
+    contact = Contact(point.normal, masses[0], masses[1], bias, bias, *_arms(world, point, layout_of(world)))
     approach = relative_velocity(contact, motions).x
     return replace(contact, bounce=product(approach, jnp.array(RESTITUTION, approach.dtype)))
 
 
-def _arms(world: World, point: Point, of: Form) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
+def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tuple[jax.Array, ...], tuple[Arm, ...]]:
     """Return the signs and the signed arms of the bodies."""
-    signs, arms, zero = [], [], jnp.zeros_like(point.distance)
-    bars = world.bar_a.x.shape[0]
-    for body, across in enumerate(of.across):
+    signs, arms, zero = [], [], jnp.zeros_like(point.separation)
+    for body, has_tangent_arm in enumerate(layout.has_tangent_arm):
         first, second = point.first == body, point.second == body
-        if of.signs:
+        if layout.signs:
             signs.append(jnp.where(second, 1, jnp.where(first, -1, zero)))
-        if across:
+        if has_tangent_arm:
             arm = where(second, point.arm_second, where(first, -point.arm_first, Vec(zero, zero)))
-            if not rounds_as_reference(arm):
+            if not layout.exact:
                 arm = Vec(dot(arm, point.normal), dot(arm, perp(point.normal)))
             arms.append(Arm(arm.x, arm.y))
-        else:  # a ball's is as long as its radius, against the normal from the first body, along it from the second
-            arms.append(Arm(jnp.where(first | second, -world.radius[body - bars], zero), None))
+        else:  # a ball's arm is as long as its radius; signed, it points against the normal for either body
+            arms.append(Arm(jnp.where(first | second, -world.radius[body - layout.bars], zero), None))
     return tuple(signs), tuple(arms)
 
 
-def apply_cached(world: World, contacts: Contacts, used: jax.Array, motions: list[Motion]) -> list[Motion]:
+def apply_cached(world: World, contacts: Contacts, motions: list[Motion]) -> list[Motion]:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
-    of = form_of(world)
+    layout = layout_of(world)
 
     def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
-        fixed, impulses, continuing = row
-        contact, zero = unpack_contact(fixed, of), jnp.zeros_like(impulses[0])
+        packed, impulses, continuing = row
+        contact, zero = unpack_contact(packed, layout), jnp.zeros_like(impulses[0])
         impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
         return apply_impulse(world, contact, motions, impulse)
 
-    return lanes.visit((contacts.fixed, contacts.impulses, contacts.continuing), used, apply, motions)
+    return lanes.visit((contacts.packed, contacts.impulses, contacts.continuing), contacts.num_active, apply, motions)
 
 
 def _larger(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Return the larger number as the reference does, which takes b for a NaN; no slower than one instruction."""
+    """Return the larger number as the reference does, which takes b for a NaN; one instruction."""
     return jnp.where(a > b, a, b)
 
 
@@ -203,38 +199,31 @@ def _solve_point(
 
 
 def solve(
-    topology: Topology,
     world: World,
-    timing: Timing,
     contacts: Contacts,
-    used: jax.Array,
-    links: list[joints.Link],
+    constraints: list[Constraint],
     motions: list[Motion],
-    place: jax.Array,
-) -> tuple[Contacts, list[joints.Link], list[Motion]]:
-    """Run the sweeps: in each, all contact points in solve order, then the constraints.
+    sweep_constraints: Callable[[list[Constraint], list[Motion]], tuple[list[Constraint], list[Motion]]],
+) -> tuple[Contacts, list[Constraint], list[Motion]]:
+    """Run the sweeps: in each, all contact points in solve order, then the constraints."""
+    layout, slots = layout_of(world), contacts.packed.shape[0]
 
-    used: number of slots in use in any lane; an empty slot is left as it is because nothing is wanted of it.
-    """
-    of = form_of(world)
-
-    def slot(k: jax.Array, fixed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
+    def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
         impulses, motions = carry
         own = lanes.read(impulses, k)
-        new, motions = _solve_point(world, unpack_contact(fixed, of), (own[0], own[1], own[2]), motions)
+        new, motions = _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), motions)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
-    def sweep(
-        _: jax.Array, carry: tuple[jax.Array, list[joints.Link], list[Motion]]
-    ) -> tuple[jax.Array, list[joints.Link], list[Motion]]:
-        impulses, links, motions = carry
-        impulses, motions = lanes.visit(contacts.fixed, used, slot, (impulses, motions))
-        links, motions = joints.sweep(topology, timing, links, motions, place)
-        return impulses, links, motions
+    Swept = tuple[jax.Array, list[Constraint], list[Motion]]
+
+    def sweep(_: jax.Array, swept: Swept) -> Swept:
+        impulses, constraints, motions = swept
+        impulses, motions = lanes.visit(contacts.packed, contacts.num_active, slot, (impulses, motions))
+        return impulses, *sweep_constraints(constraints, motions)
 
     def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
-        """Run all sweeps over all slots, which are kept apart, so that none of them is read or written."""
-        points = [unpack_contact(contacts.fixed[k], of) for k in range(topology.slots)]
+        """Run all sweeps over all slots, each kept in values of its own, so that no table is read or written."""
+        points = [unpack_contact(contacts.packed[k], layout) for k in range(slots)]
 
         def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
             (*own,), motions = carry
@@ -246,11 +235,11 @@ def solve(
         own, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (start, motions))
         return jnp.stack([lanes.stack(row) for row in own]), motions
 
-    if topology.slots <= FEW_SLOTS and not links:
-        # One form for any number of slots in use: float32 would round otherwise from form to form.
+    if slots <= FEW_SLOTS and not constraints:
+        # The same code for any number of active slots: float32 would round differently from one form to another.
         impulses, motions = jax.lax.cond(
-            used > 0, written_out, lambda impulses, motions: (impulses, motions), contacts.impulses, motions
+            contacts.num_active > 0, written_out, lambda *unchanged: unchanged, contacts.impulses, motions
         )
     else:
-        impulses, links, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, links, motions))
-    return replace(contacts, impulses=impulses), links, motions
+        impulses, constraints, motions = jax.lax.fori_loop(0, SWEEPS, sweep, (contacts.impulses, constraints, motions))
+    return replace(contacts, impulses=impulses), constraints, motions

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics import broad_phase, contacts, joints, shapes, solver
 from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
-from iphyre_jax.physics.vector import Vec, product, rounds_as_reference
+from iphyre_jax.physics.vector import Vec, product
 
 
 def initial_state(topology: Topology, world: World) -> State:
-    """Return a world before its first step: everything at rest where the scene puts it."""
+    """Return a world before its first step: everything rests where the scene puts it."""
     start = world.start
     zero = jnp.zeros_like(start.x)
     at_rest = Vec(zero, zero)
@@ -22,8 +23,8 @@ def initial_state(topology: Topology, world: World) -> State:
     motion = Motion(at_rest, zero, at_rest, zero)
     slots = (3, topology.slots, *lane)
     impulses = jnp.zeros(slots, zero.dtype)
-    constraints = len(topology.constraints)
-    place = jnp.arange(constraints if constraints > 2 else 0, dtype=jnp.int32).reshape(-1, *(1,) * len(lane))
+    constraints = len(topology.constraint_ends)
+    constraint_rank = jnp.arange(constraints if constraints > 2 else 0, dtype=jnp.int32).reshape(-1, *(1,) * len(lane))
     blank = BroadPhase(
         Box(zero, zero, zero, zero),
         jnp.asarray(world.start_path),
@@ -34,15 +35,15 @@ def initial_state(topology: Topology, world: World) -> State:
     )
     state = State(
         position=jax.tree.map(jnp.asarray, start),
-        residue=at_rest[:0] if rounds_as_reference(at_rest) else at_rest,
+        position_compensation=at_rest[:0] if world.exact else at_rest,
         angle=zero,
         motion=motion,
         alive=jnp.asarray(world.valid),
         broad=blank,
-        side=jnp.zeros((len(topology.bar_pairs) if rounds_as_reference(at_rest) else 0, *lane), jnp.int32),
+        gjk_start=jnp.zeros((len(topology.bar_pairs) if world.exact else 0, *lane), jnp.int32),
         cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
         pin_impulse=jnp.zeros((len(topology.pins), *lane), zero.dtype),
-        place=jnp.broadcast_to(place, (place.shape[0], *lane)),
+        constraint_rank=jnp.broadcast_to(constraint_rank, (constraint_rank.shape[0], *lane)),
         step=jnp.zeros(lane, jnp.int32),
         overflow=jnp.zeros(lane, bool),
     )
@@ -52,30 +53,30 @@ def initial_state(topology: Topology, world: World) -> State:
 
 
 def eliminate(topology: Topology, world: World, state: State, removed: jax.Array) -> State:
-    """Take static bars out, (S,) bool, with their joints and springs. Their cached contacts never match again."""
+    """Remove static bars, (S,) bool, with their joints and springs. Their cached contacts never match again."""
     alive = state.alive & ~removed
-    return replace(state, alive=alive, place=joints.close_holes(topology, world, state, alive))
+    return replace(state, alive=alive, constraint_rank=joints.close_holes(topology, world, state, alive))
 
 
 def integrate_positions(state: State, timing: Timing) -> State:
     """Move every body by its velocity and bias velocity of the step before; the bias velocity is used up.
 
-    In float32 the rounding error of a position, up to 3e-5 px a step, is carried on (Kahan's sum).
+    In float32 the rounding error of a position, up to 3e-5 px a step, is carried to the next step (Kahan's sum).
     """
     motion = state.motion
-    way, residue = (motion.velocity + motion.bias_velocity) * timing.dt, state.residue
-    if rounds_as_reference(way):
-        position = state.position + way
+    shift, position_compensation = (motion.velocity + motion.bias_velocity) * timing.dt, state.position_compensation
+    if shift.exact:
+        position = state.position + shift
     else:
-        way = way + residue
-        position = state.position + way
-        residue = way - (position - state.position)
+        shift = shift + position_compensation
+        position = state.position + shift
+        position_compensation = shift - (position - state.position)
     angle = state.angle + product(motion.angular_velocity + motion.bias_angular_velocity, timing.dt)
     zero = jnp.zeros_like(motion.angular_velocity)
     return replace(
         state,
         position=position,
-        residue=residue,
+        position_compensation=position_compensation,
         angle=angle,
         motion=replace(motion, bias_velocity=Vec(zero, zero), bias_angular_velocity=zero),
     )
@@ -88,8 +89,23 @@ def integrate_velocities(motions: list[Motion], timing: Timing) -> list[Motion]:
     ]
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Stages:
+    """What a step computes on its way and `State` does not keep."""
+
+    contacts: solver.Contacts  # after the last sweep
+    num_touching: jax.Array  # () int32, contact points found; may exceed the slots
+    constraints: list[joints.Constraint]  # after the last sweep
+
+
 def step(topology: Topology, world: World, timing: Timing, state: State) -> State:
-    """Advance one world, or one world a lane, by timing.dt seconds.
+    """Advance one world, or one world a lane, by timing.dt seconds."""
+    return step_with_stages(topology, world, timing, state)[0]
+
+
+def step_with_stages(topology: Topology, world: World, timing: Timing, state: State) -> tuple[State, Stages]:
+    """Make a step and return its stages too; the compiler drops what nobody reads.
 
     The stages stand in the reference's order: bodies move first, with the velocities of the step before; contact
     masses and bounce see velocities before springs and gravity; cached impulses come after both.
@@ -98,26 +114,28 @@ def step(topology: Topology, world: World, timing: Timing, state: State) -> Stat
     shape = shapes.world_shapes(topology, world, state)
     boxes = shapes.moving_boxes(topology, shape)
     broad = broad_phase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
-    points, touching, side = contacts.collide(topology, world, shape, broad, state.side)
-    used = jnp.minimum(jnp.max(touching), topology.slots)
+    table, num_touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)
+    num_active = jnp.minimum(jnp.max(num_touching), topology.slots)
 
-    motions = solver.unstack(state.motion, topology.moving)
-    contact = solver.prestep(world, timing, points, used, motions, state.cache)
-    links = joints.prepare(topology, world, timing, state)
-    motions = joints.apply_springs(topology, links, motions, state.place)
+    motions, rank = solver.unstack(state.motion, topology.moving), state.constraint_rank
+    contact = solver.prestep(world, timing, table, num_active, motions, state.cache)
+    constraints = joints.prepare(topology, world, timing, state)
+    motions = joints.apply_springs(topology, constraints, motions, rank)
     motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(world, contact, used, motions)
-    motions = joints.apply_cached(topology, links, motions, state.place)
-    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, state.place)
+    motions = solver.apply_cached(world, contact, motions)
+    motions = joints.apply_cached(topology, constraints, motions, rank)
+    sweep = partial(joints.sweep, topology, timing, rank=rank)
+    contact, constraints, motions = solver.solve(world, contact, constraints, motions, sweep)
 
-    pins = [link.impulse for link in links[: len(topology.pins)]]
-    return replace(
+    pins = [constraint.impulse for constraint in constraints[: len(topology.pins)]]
+    after = replace(
         state,
         motion=solver.stack(motions),
         broad=broad,
-        side=side,
-        cache=solver.remember(state.cache, contact),
+        gjk_start=gjk_start,
+        cache=solver.write_cache(state.cache, contact),
         pin_impulse=jnp.stack(pins) if pins else state.pin_impulse,
         step=state.step + 1,
-        overflow=state.overflow | (touching > topology.slots),
+        overflow=state.overflow | (num_touching > topology.slots),
     )
+    return after, Stages(contact, num_touching, constraints)

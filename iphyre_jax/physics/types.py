@@ -18,6 +18,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.physics.order_keys import OrderKeyLayout
 from iphyre_jax.physics.vector import Vec
 
 STATIC = -1  # the end of a joint or spring that is held by a static bar
@@ -29,7 +30,7 @@ class Topology:
 
     bars: int  # moving bars
     balls: int
-    num_static: int  # room for static bars; unused places do not exist in `World`
+    num_static: int  # room for static bars; `World.valid` marks those that exist
     pins: tuple[tuple[int, int], ...]  # moving-body index or STATIC at each end, in list order
     springs: tuple[tuple[int, int], ...]
     slots: int  # contact points a world may have at once; more is a fault
@@ -40,7 +41,12 @@ class Topology:
         return self.bars + self.balls
 
     @property
-    def constraints(self) -> tuple[tuple[int, int], ...]:
+    def max_steps(self) -> int:
+        """Most steps of an episode: the order keys have no room for more."""
+        return OrderKeyLayout(self.moving).max_steps
+
+    @property
+    def constraint_ends(self) -> tuple[tuple[int, int], ...]:
         """Pin joints, then springs: the reference's list order before any removal."""
         return self.pins + self.springs
 
@@ -68,7 +74,7 @@ class Topology:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class World:
-    """The scene of one world as numbers. n moving bodies, m moving bars, S static places, P pairs of moving bodies."""
+    """The scene of one world as numbers. n moving bodies, m moving bars, S = room for static bars, P pairs."""
 
     start: Vec  # (n,) px, centres at the start
     radius: jax.Array  # (balls,) px
@@ -80,31 +86,36 @@ class World:
     static_b: Vec
     static_normal: Vec  # (S,) unit
     static_centre: Vec  # (S,) px
-    valid: jax.Array  # (S,) bool, False for an unused place
+    valid: jax.Array  # (S,) bool, False for unused room
     plan_slot: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
     anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
-    anchor_bar: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
+    anchor_static: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
     pin_length: jax.Array  # (pins,) px
-    point_class: jax.Array  # (4, bar pairs) int32, see insertion.point_classes
+    point_class: jax.Array  # (4, bar pairs) int32, see `initial_order.point_classes`
     leaf_order: jax.Array  # (n,) int32, moving bodies in the order in which the broad phase updates them
     start_path: jax.Array  # (n,) int32, path bits in the moving tree
     start_depth: jax.Array  # (n,) int32
     static_counter: jax.Array  # (n * S,) int32, insertion counter of a body's pair with a static bar at the start
     pair_counter: jax.Array  # (P,) int32, the same of the pairs of moving bodies
 
+    @property
+    def exact(self) -> bool:
+        """Whether the solver must round as the reference's (float64), or may be more accurate (float32)."""
+        return self.start.exact
+
     @classmethod
     def shapes(cls, topology: Topology, dtype: str) -> World:
         """Return the shapes and types of the world of a topology, as `jax.ShapeDtypeStruct`; dtype: of its numbers."""
-        n, m, places, ties = topology.moving, topology.bars, topology.num_static, len(topology.constraints)
+        n, m, room, ties = topology.moving, topology.bars, topology.num_static, len(topology.constraint_ends)
 
-        def array(*shape: int, kind: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
-            return jax.ShapeDtypeStruct(shape, kind)
+        def array(*shape: int, of: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
+            return jax.ShapeDtypeStruct(shape, of)
 
         def vec(rows: int) -> Vec:
             return Vec(array(rows), array(rows))
 
         def whole(*shape: int) -> Any:  # noqa: ANN401
-            return array(*shape, kind="int32")
+            return array(*shape, of="int32")
 
         return cls(
             start=vec(n),
@@ -113,20 +124,20 @@ class World:
             bar_a=vec(m),
             bar_b=vec(m),
             bar_normal=vec(m),
-            static_a=vec(places),
-            static_b=vec(places),
-            static_normal=vec(places),
-            static_centre=vec(places),
-            valid=array(places, kind="bool"),
-            plan_slot=whole(places),
+            static_a=vec(room),
+            static_b=vec(room),
+            static_normal=vec(room),
+            static_centre=vec(room),
+            valid=array(room, of="bool"),
+            plan_slot=whole(room),
             anchor=vec(ties),
-            anchor_bar=whole(ties),
+            anchor_static=whole(ties),
             pin_length=array(len(topology.pins)),
             point_class=whole(4, len(topology.bar_pairs)),
             leaf_order=whole(n),
             start_path=whole(n),
             start_depth=whole(n),
-            static_counter=whole(n * places),
+            static_counter=whole(n * room),
             pair_counter=whole(len(topology.pairs)),
         )
 
@@ -203,14 +214,14 @@ class State:
     """All that the next step needs of one world, and nothing that can be computed."""
 
     position: Vec  # (n,) px
-    residue: Vec  # (n,) px, what float32 rounds off the position; no rows in float64, which rounds as the reference
+    position_compensation: Vec  # (n,) px, what float32 rounded off (Kahan's sum); float64: no rows
     angle: jax.Array  # (n,) rad
     motion: Motion  # (n,)
     alive: jax.Array  # (S,) bool, static bars still there
     broad: BroadPhase
-    side: jax.Array  # (bar pairs,) int32, where the last search for the nearest side ended (`gjk`); float32: no rows
+    gjk_start: jax.Array  # (bar pairs,) int32, side at which the last search ended (`gjk`); float32: no rows
     cache: Cache
     pin_impulse: jax.Array  # (pins,) px/s
-    place: jax.Array  # (constraints,) int32, place in the reference's list; (0,) with fewer than three
+    constraint_rank: jax.Array  # (constraints,) int32, in the reference's list; (0,) with fewer than three
     step: jax.Array  # () int32, steps made
     overflow: jax.Array  # () bool, a step had more contact points than slots

@@ -1,8 +1,8 @@
 """Plane vectors whose float64 arithmetic rounds like the reference's.
 
-A compiler may contract ``x * y + z`` into one fused multiply-add, which rounds once; the reference's binaries round
-the product, then the sum. Every product that the solver adds to something goes through `product`, so the trick that
-forbids the contraction lives in this file alone.
+A compiler may contract ``x * y + z`` into one fused multiply-add, which rounds once. The reference's binaries round the
+product, then the sum. So every product that the solver adds to something goes through `product`. Only this file knows
+how the contraction is prevented.
 """
 
 from __future__ import annotations
@@ -13,13 +13,18 @@ import jax
 import jax.numpy as jnp
 
 
+def is_exact(like: jax.Array) -> bool:
+    """Return whether arithmetic must round as the reference's (float64), or may be more accurate (float32)."""
+    return like.dtype == jnp.float64
+
+
 def rounded(value: jax.Array) -> jax.Array:
     """Return `value` unchanged, as a rounding point that no compiler pass sees through (float64 only).
 
-    A select between the product and the sum is what stops the contraction; barriers and bit casts do not. NaN stays
-    NaN. In float32 parity to the last bit is not defined, so contraction is left to the compiler.
+    A select between product and sum stops the contraction; barriers and bit casts do not. NaN stays NaN. In float32
+    there is no parity to the last bit, so the compiler may contract.
     """
-    return jnp.where(value == value, value, jnp.nan) if value.dtype == jnp.float64 else value
+    return jnp.where(value == value, value, jnp.nan) if is_exact(value) else value
 
 
 def product(x: jax.Array, y: jax.Array) -> jax.Array:
@@ -47,13 +52,13 @@ class Vec:
     def __mul__(self, factor: jax.Array) -> Vec:
         return Vec(product(self.x, factor), product(self.y, factor))
 
+    @property
+    def exact(self) -> bool:
+        """Whether arithmetic with it rounds as the reference's, see `is_exact`."""
+        return is_exact(self.x)
+
     def __getitem__(self, index: object) -> Vec:
         return jax.tree.map(lambda leaf: leaf[index], self)
-
-
-def rounds_as_reference(like: Vec) -> bool:
-    """Return whether the arithmetic must round as the reference's (float64), or may be more accurate (float32)."""
-    return like.x.dtype == jnp.float64
 
 
 def dot(a: Vec, b: Vec) -> jax.Array:

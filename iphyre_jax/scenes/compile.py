@@ -15,7 +15,7 @@ from iphyre_jax.physics.types import STATIC, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.scene import Scene
 
-STATIC_PLACES = 10  # scenes with up to so many static bars share a program; more take the next even number
+STATIC_ROOM = 10  # scenes with at most so many static bars share a program; larger ones take the next even number
 SLOT_LIMIT = 16
 
 
@@ -67,7 +67,7 @@ def topology_of(scene: Scene) -> Topology:
     bodies = _Bodies(scene)
     index = {obj: k for k, obj in enumerate(bodies.movers)}
     n_static = len(bodies.moving) - len(bodies.movers)
-    statics = max(STATIC_PLACES, n_static + n_static % 2)
+    statics = max(STATIC_ROOM, n_static + n_static % 2)
     bars, balls = sum(bodies.moving[: bodies.n_blocks]), len(bodies.radius)
     ends = [
         tuple((index.get(i, STATIC), index.get(j, STATIC)) for i, j in pairs) for pairs in (scene.joints, scene.springs)
@@ -76,22 +76,25 @@ def topology_of(scene: Scene) -> Topology:
 
 
 def _slots(bars: int, balls: int) -> int:
-    """Contact points that a world may have at once: 4 a ball, 8 a bar, the measured need being at most two thirds."""
+    """Return how many contact points a world may have at once: 4 a ball, 8 a bar.
+
+    The measured need is at most two thirds of that.
+    """
     return min(SLOT_LIMIT, 4 * balls + 8 * bars)
 
 
 def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Topology, World]:
     """Return topology and numbers of a scene.
 
-    resets: number of the reset of a reused space, 1 for a fresh one: it decides visiting order and contact ids.
+    resets: number of the reset of a reused space, 1 for a fresh one. It decides solve order and contact ids.
     dtype: "float32" or "float64", of the floating arrays (NumPy; integers are int32).
     """
     topology, bodies = topology_of(scene), _Bodies(scene)
     insertion, n_objects = bodies.insertion(resets), len(bodies.moving)
     statics, movers, bars = list(insertion.static_order), bodies.movers, bodies.movers[: topology.bars]
 
-    def vec(rows: np.ndarray, places: int | None = None) -> Vec:
-        padded = np.zeros((len(rows) if places is None else places, 2))
+    def vec(rows: np.ndarray, length: int | None = None) -> Vec:
+        padded = np.zeros((len(rows) if length is None else length, 2))
         padded[: len(rows)] = rows
         return Vec(*(_array(column, dtype) for column in padded.T))
 
@@ -119,16 +122,16 @@ def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> t
 
 def _constraints(scene: Scene, bodies: _Bodies, statics: list[int], dtype: str) -> dict[str, Any]:
     """Return the fields of `World` that describe joints and springs."""
-    anchors, anchor_bars = [], []
+    anchors, anchor_statics = [], []
     for pair in (*scene.joints, *scene.springs):
         held = [i for i in pair if not bodies.moving[i]]
         anchors.append(bodies.centre[held[0]] if held else np.zeros(2))
-        anchor_bars.append(statics.index(held[0]) if held else -1)
+        anchor_statics.append(statics.index(held[0]) if held else -1)
     anchor = np.array(anchors, np.float64).reshape(-1, 2)
     delta = [bodies.centre[j] - bodies.centre[i] for i, j in scene.joints]
     return {
         "anchor": Vec(*(_array(column, dtype) for column in anchor.T)),
-        "anchor_bar": np.array(anchor_bars, np.int32),
+        "anchor_static": np.array(anchor_statics, np.int32),
         "pin_length": np.array([math.sqrt(x * x + y * y) for x, y in delta], np.float64).astype(dtype),
     }
 

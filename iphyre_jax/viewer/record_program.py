@@ -102,8 +102,8 @@ def _current_frame(topology: Topology, world: World, episode: rollouts.EpisodeSt
     """
     state = episode.state
     shape = shapes.world_shapes(topology, world, state)
-    points, *_ = contacts.collide(topology, world, shape, state.broad, state.side)
-    point = contacts.unpack(points.tag, points.numbers, axis=1)
+    points, *_ = contacts.collide(topology, world, shape, state.broad, state.gjk_start)
+    point = points.unpack(axis=1)
     body = jnp.clip(point.first, 0, topology.moving - 1)
     where = jnp.stack([state.position.x[body] + point.arm_first.x, state.position.y[body] + point.arm_first.y], axis=-1)
     velocity = state.motion.velocity

@@ -15,7 +15,6 @@ from iphyre_jax.checks import check_dtype, check_whole, whole_fps
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
-from iphyre_jax.physics.broad_phase import max_steps
 from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
@@ -134,7 +133,7 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
     topology, world = cached_world(scene, check_whole("resets", resets), check_dtype(dtype))
     length = int(TIME_LIMIT * rate)
-    if length > (limit := max_steps(topology)):
+    if length > (limit := topology.max_steps):
         raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
     padded = np.full(scene.limits.blocks, NEVER, np.int32)
     padded[: len(steps)] = steps

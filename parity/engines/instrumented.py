@@ -1,8 +1,4 @@
-"""Our solver, made to show what happens inside each of its steps.
-
-One world goes step by step through the same stages as `iphyre_jax.physics.step`; the tests hold that the state that
-comes out is that of `step` itself.
-"""
+"""Our solver, stepped one step at a time to show what happens inside each of them."""
 
 from dataclasses import replace
 from functools import partial
@@ -12,72 +8,35 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import State, Timing, Topology, World, broad_phase, contacts, eliminate, joints, shapes, solver
-from iphyre_jax.physics.step import initial_state, integrate_positions, integrate_velocities
-from iphyre_jax.physics.types import BroadPhase, Motion
+from iphyre_jax.physics import State, Timing, Topology, World, broad_phase, eliminate, initial_state
+from iphyre_jax.physics.step import Stages, step_with_stages
+from iphyre_jax.physics.types import Motion
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene, static_order, step_timing
 from parity.engines.reference import BodyState
-from parity.engines.views import Floats, Layout, Stages, StepView, our_view
+from parity.engines.views import Floats, Layout, StepView, jax_view
 
 
 @partial(jax.jit, static_argnums=0)
-def staged_step(topology: Topology, world: World, timing: Timing, state: State) -> Stages:
-    """Make one step of one world as `iphyre_jax.physics.step` does and keep what the stages computed."""
-    moved = integrate_positions(state, timing)
-    shape = shapes.world_shapes(topology, world, moved)
-    boxes = shapes.moving_boxes(topology, shape)
-    broad = broad_phase.update(topology, world, moved.broad, boxes, moved.motion.velocity, moved.step)
-    points, touching, side = contacts.collide(topology, world, shape, broad, moved.side)
-    used = jnp.minimum(jnp.max(touching), topology.slots)
-
-    motions = solver.unstack(moved.motion, topology.moving)
-    contact = solver.prestep(world, timing, points, used, motions, moved.cache)
-    links = joints.prepare(topology, world, timing, moved)
-    motions = joints.apply_springs(topology, links, motions, moved.place)
-    motions = integrate_velocities(motions, timing)
-    motions = solver.apply_cached(world, contact, used, motions)
-    motions = joints.apply_cached(topology, links, motions, moved.place)
-    contact, links, motions = solver.solve(topology, world, timing, contact, used, links, motions, moved.place)
-
-    impulses = [link.impulse for link in links]
-    pins = impulses[: len(topology.pins)]
-    after = replace(
-        moved,
-        motion=solver.stack(motions),
-        broad=broad,
-        side=side,
-        cache=solver.remember(moved.cache, contact),
-        pin_impulse=jnp.stack(pins) if pins else moved.pin_impulse,
-        step=moved.step + 1,
-        overflow=moved.overflow | (touching > topology.slots),
-    )
-    return Stages(
-        after,
-        contact,
-        touching,
-        _low_is_a(topology, world, broad),
-        jnp.stack(impulses) if impulses else moved.pin_impulse,
-    )
+def staged_step(
+    topology: Topology, world: World, timing: Timing, state: State
+) -> tuple[State, Stages, tuple[jax.Array, ...]]:
+    """Make one step of one world; last, for every pair of moving bodies, whether the lower index has role a."""
+    after, stages = step_with_stages(topology, world, timing, state)
+    return after, stages, broad_phase.order(topology, world, after.broad).low_is_a
 
 
-def _low_is_a(topology: Topology, world: World, broad: BroadPhase) -> jax.Array:
-    """Role of the lower index in every pair of moving bodies, (P,) bool."""
-    roles = broad_phase.order(topology, world, broad).low_is_a
-    return jnp.stack(roles) if roles else jnp.zeros(0, bool)
-
-
-def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
+def inject_state(layout: Layout, state: State, bodies: BodyState, last: StepView | None) -> State:
     """Put the reference's state into ours: poses, velocities, and the impulses of the last step's contacts and pins.
 
-    Bias velocities stay ours: the reference shows only what they did. The rest of the cache and the bookkeeping of the
-    order hold no continuous values.
+    Bias velocities stay ours: the reference shows only their effect. The rest of the cache and what decides the order
+    hold no continuous values.
 
     Args:
         layout: which object each body is.
         state: ours after the last step.
         bodies: the reference's after the same step.
-        last: the reference's view of that step, whose contact rows are in the order of our slots; None at the start.
+        last: the reference's view of that step, with its contacts in the order of our slots; None at the start.
 
     Returns:
         Our state with the reference's numbers.
@@ -104,11 +63,11 @@ def put_in(layout: Layout, state: State, bodies: BodyState, last: StepView | Non
         normal_impulse=cache.normal_impulse.at[0, :rows].set(last.impulses[:, 0]),
         tangent_impulse=cache.tangent_impulse.at[0, :rows].set(last.impulses[:, 1]),
     )
-    size = jnp.asarray(np.nan_to_num(last.links[:pins]))  # the reference tells a pin's impulse without its sign
+    size = jnp.asarray(np.nan_to_num(last.constraint_impulses[:pins]))  # the reference shows no sign of a pin's impulse
     return replace(state, cache=cache, pin_impulse=jnp.copysign(size, state.pin_impulse) if pins else state.pin_impulse)
 
 
-class OurWorld:
+class JaxWorld:
     """One world of ours, stepped one step at a time in float64.
 
     Args:
@@ -129,9 +88,8 @@ class OurWorld:
 
     def step(self) -> StepView:
         """Make one step."""
-        stages = staged_step(self.layout.topology, self.world, self.timing, self.state)
-        self.state = stages.state
-        return our_view(self.layout, self.scene, stages)
+        self.state, *inside = staged_step(self.layout.topology, self.world, self.timing, self.state)
+        return jax_view(self.layout, self.scene, *jax.device_get((self.state, *inside)))
 
 
 def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:

@@ -69,24 +69,24 @@ class ReferenceWorld:
         self.space.gravity = GRAVITY[0], GRAVITY[1] * gravity
         self.bodies: list[pymunk.Body] = []
         self.shapes: list[pymunk.Shape] = []
-        self.links: list[tuple[int, int, pymunk.Constraint]] = []
+        self.constraints: list[tuple[int, int, pymunk.Constraint]] = []
         self.alive: list[bool] = []
         for _ in range(resets):
             self._empty()
             self._fill()
-        # The engine's own bodies: its functions take half as long as the properties of pymunk's.
+        # The engine's own bodies: its functions take half the time of pymunk's properties.
         self._moving = [body._body for body, moves in zip(self.bodies, scene.dynamic, strict=True) if moves]
         self._balls = [body._body for body in self.bodies[scene.n_blocks :]]
 
     def _empty(self) -> None:
-        """Take everything out in the order of the official reset: shape and body of each object, then constraints."""
+        """Remove everything in the order of the official reset: shape and body of each object, then constraints."""
         for shape, body in zip(self.shapes, self.bodies, strict=True):
             self.space.remove(shape, body)
-        for _, _, constraint in self.links:
+        for _, _, constraint in self.constraints:
             self.space.remove(constraint)
 
     def _fill(self) -> None:
-        """Put in blocks in list order, balls, pin joints, springs."""
+        """Add blocks in list order, then balls, pin joints and springs."""
         scene = self.scene
         pairs = [_bar(scene.blocks[i], bool(scene.dynamic[i])) for i in range(scene.n_blocks)]
         pairs += [_ball(ball) for ball in scene.balls]
@@ -97,23 +97,23 @@ class ReferenceWorld:
         self.bodies = [body for body, _ in pairs]
         self.shapes = [shape for _, shape in pairs]
         self.alive = [True] * len(pairs)
-        self.links = []
+        self.constraints = []
         for i, j in scene.joints:
-            self._link(i, j, pymunk.PinJoint(self.bodies[i], self.bodies[j]))
+            self._add_constraint(i, j, pymunk.PinJoint(self.bodies[i], self.bodies[j]))
         for i, j in scene.springs:
             ends = (self.bodies[i], self.bodies[j], (0.0, 0.0), (0.0, 0.0))
-            self._link(i, j, pymunk.DampedSpring(*ends, SPRING_REST_LENGTH, SPRING_STIFFNESS, SPRING_DAMPING))
+            self._add_constraint(i, j, pymunk.DampedSpring(*ends, SPRING_REST_LENGTH, SPRING_STIFFNESS, SPRING_DAMPING))
 
-    def _link(self, i: int, j: int, constraint: pymunk.Constraint) -> None:
+    def _add_constraint(self, i: int, j: int, constraint: pymunk.Constraint) -> None:
         self.space.add(constraint)
-        self.links.append((i, j, constraint))
+        self.constraints.append((i, j, constraint))
 
     def eliminate(self, index: int) -> None:
         """Remove object `index`: shape, body, then its joints and springs, as the official class does."""
         self.space.remove(self.shapes[index], self.bodies[index])
-        for link in [link for link in self.links if index in link[:2]]:
-            self.space.remove(link[2])
-            self.links.remove(link)
+        for entry in [entry for entry in self.constraints if index in entry[:2]]:
+            self.space.remove(entry[2])
+            self.constraints.remove(entry)
         self.alive[index] = False
 
     def solved(self) -> bool:
@@ -202,7 +202,7 @@ def run(
         steps: the most steps to make; the play stops earlier with the step that solves it.
         resets: see `ReferenceWorld`.
         sample_every: steps between samples.
-        gravity: factor of the gravity, to see what a small disturbance does.
+        gravity: factor of the gravity; shows what a small disturbance does.
 
     Returns:
         The outcome with its samples, K = steps // sample_every + 1.

@@ -23,7 +23,7 @@ class ContactRecord:
         normal_mass: (points,) float64 effective mass along the normal.
         tangent_mass: (points,) float64 effective mass along the tangent.
         bounce: (points,) float64 restitution speed, px/s.
-        bias: (points,) float64 speed asked for to undo the overlap, px/s.
+        bias: (points,) float64 target speed that undoes the overlap, px/s.
         normal_impulse: (points,) float64 accumulated impulse after the last sweep.
         tangent_impulse: (points,) float64 the same along the tangent.
         bias_impulse: (points,) float64 the same of the position correction.
@@ -55,10 +55,10 @@ class TracedWorld(ReferenceWorld):
 
     def __init__(self, scene: Scene, resets: int = 1) -> None:
         super().__init__(scene, resets)
-        self._all_links = list(self.links)
+        self._all_constraints = list(self.constraints)
         self._index = {body: i for i, body in enumerate(self.bodies)}
         self._records: list[ContactRecord] = []
-        # The callback fires once a touching pair, in the order in which the pairs were found and solved.
+        # The callback runs once for each touching pair, in solve order.
         self.space.on_collision(post_solve=self._record)
 
     def _record(self, arbiter: Any, space: object, data: object) -> None:  # noqa: ANN401 - an Arbiter of pymunk
@@ -96,5 +96,6 @@ class TracedWorld(ReferenceWorld):
     def constraint_impulses(self) -> NDArray[np.float64]:
         """Impulse of each joint (its size) and spring in the last step, in scene order, NaN for one that is gone."""
         return np.array(
-            [link[2].impulse if link in self.links else np.nan for link in self._all_links], dtype=np.float64
+            [entry[2].impulse if entry in self.constraints else np.nan for entry in self._all_constraints],
+            dtype=np.float64,
         )

@@ -1,5 +1,6 @@
 """One step as either engine sees it, in object indices of the scene and in the reference's roles a and b."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -7,34 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import State, Topology, solver
-from iphyre_jax.physics.contact_rows import form, unpack_contact
-from iphyre_jax.physics.contacts import unpack
+from iphyre_jax.physics import State, Topology
+from iphyre_jax.physics.contact_rows import ContactLayout, unpack_contact
+from iphyre_jax.physics.step import Stages
 from iphyre_jax.physics.vector import Vec
 from parity.engines.reference import BodyState
 from parity.engines.trace import ContactRecord
 
 Floats = NDArray[np.float64]
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Stages:
-    """What one step computed on its way.
-
-    Attributes:
-        state: after the step.
-        contact: the contact slots after the last sweep, with their points, masses, speeds and impulses.
-        touching: () int32 slots in use.
-        low_is_a: (pairs of moving bodies,) bool, whether the body of the lower index has role a.
-        link_impulses: (constraints,) accumulated impulses.
-    """
-
-    state: State
-    contact: solver.Contacts
-    touching: jax.Array
-    low_is_a: jax.Array
-    link_impulses: jax.Array
 
 
 @dataclass(frozen=True)
@@ -73,20 +54,20 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class StepView:
-    """One step as either engine sees it. Rows are contact points in solve order; M moving objects, C constraints.
+    """One step as either engine sees it. K contact points in solve order, M moving objects, C constraints.
 
     Attributes:
-        pairs: (a, b) of each row, in the reference's roles.
+        pairs: (a, b) of each contact point, in the reference's roles.
         position: (M, 2) px, after the step (bodies move in its first stage).
         angle: (M,) rad.
-        normal: (rows, 2) from a to b.
-        arm_a: (rows, 2) px, contact point relative to the centre of a.
-        arm_b: (rows, 2) the same of b.
-        distance: (rows,) px along the normal, negative when overlapping.
-        masses: (rows, 2) effective masses along normal and tangent.
-        speeds: (rows, 2) bounce and bias, px/s.
-        impulses: (rows, 3) accumulated: normal, tangent, bias.
-        links: (C,) accumulated impulses of joints and springs, NaN where one is gone.
+        normal: (K, 2) from a to b.
+        arm_a: (K, 2) px, contact point relative to the centre of a.
+        arm_b: (K, 2) the same of b.
+        separation: (K,) px along the normal, negative when overlapping.
+        masses: (K, 2) effective masses along normal and tangent.
+        speeds: (K, 2) bounce and bias, px/s.
+        impulses: (K, 3) accumulated: normal, tangent, bias.
+        constraint_impulses: (C,) accumulated impulses of joints and springs, NaN where one is gone.
         velocity: (M, 2) px/s after the step.
         angular_velocity: (M,) rad/s.
     """
@@ -97,24 +78,34 @@ class StepView:
     normal: Floats
     arm_a: Floats
     arm_b: Floats
-    distance: Floats
+    separation: Floats
     masses: Floats
     speeds: Floats
     impulses: Floats
-    links: Floats
+    constraint_impulses: Floats
     velocity: Floats
     angular_velocity: Floats
 
 
-def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
-    """What one of our steps computed, in the reference's roles."""
-    host: Stages = jax.device_get(stages)
-    contact, state = host.contact, host.state
-    count = min(int(host.touching), layout.topology.slots)  # with more, the world ends in a fault
-    points = unpack(contact.points.tag, contact.points.numbers, axis=1)
-    fixed = unpack_contact(contact.fixed, form(layout.topology.bars, layout.topology.moving, exact=True), axis=1)
+def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_a: Sequence[jax.Array]) -> StepView:
+    """What one of our steps computed, in the reference's roles.
+
+    Args:
+        layout: which object each body is.
+        scene: the scene.
+        state: after the step, NumPy arrays as all that follows.
+        stages: of the step.
+        low_is_a: for every pair of moving bodies, whether the body of the lower index has role a.
+    """
+    contact = stages.contacts
+    count = min(int(stages.num_touching), layout.topology.slots)  # with more, the world ends in a fault
+    points = contact.points.unpack(axis=1)
+    columns = ContactLayout(layout.topology.bars, layout.topology.moving, exact=True)
+    solved = unpack_contact(contact.packed, columns, axis=1)
     first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
-    flip = np.array([_second_is_a(layout, host, pair) for pair in first_second], dtype=bool).reshape(count, 1)
+    flip = np.array([_second_is_a(layout, state, low_is_a, pair) for pair in first_second], dtype=bool).reshape(
+        count, 1
+    )
     one, two = _xy(points.arm_first)[:count], _xy(points.arm_second)[:count]
     normal = _xy(points.normal)[:count]
     alive = {o: bool(state.alive[s]) for s, o in enumerate(layout.statics)}
@@ -127,33 +118,35 @@ def our_view(layout: Layout, scene: Scene, stages: Stages) -> StepView:
         normal=np.where(flip, -normal, normal),
         arm_a=np.where(flip, two, one),
         arm_b=np.where(flip, one, two),
-        distance=np.asarray(points.distance)[:count],
-        masses=np.stack([fixed.normal_mass, fixed.tangent_mass], axis=1)[:count],
-        speeds=np.stack([fixed.bounce, fixed.bias], axis=1)[:count],
+        separation=np.asarray(points.separation)[:count],
+        masses=np.stack([solved.normal_mass, solved.tangent_mass], axis=1)[:count],
+        speeds=np.stack([solved.bounce, solved.bias], axis=1)[:count],
         impulses=np.asarray(contact.impulses)[:count],
-        links=np.where(gone, np.nan, host.link_impulses[: len(ends)]),
+        constraint_impulses=np.where(gone, np.nan, [constraint.impulse for constraint in stages.constraints]),
         velocity=_xy(state.motion.velocity),
         angular_velocity=np.asarray(state.motion.angular_velocity),
     )
 
 
-def _second_is_a(layout: Layout, host: Stages, pair: tuple[int, int]) -> bool:
+def _second_is_a(layout: Layout, state: State, low_is_a: Sequence[jax.Array], pair: tuple[int, int]) -> bool:
     """Whether the reference calls the second object of a pair a. Against a bar, a ball is always a."""
     topology, moving = layout.topology, layout.moving
     first, second = moving.index(pair[0]), moving.index(pair[1]) if pair[1] in moving else None
     if first >= topology.bars and (second is None or second < topology.bars):
         return False
     if second is None:
-        return not bool(host.state.broad.updated[first])
-    low_is_a = bool(host.low_is_a[topology.pairs.index((min(first, second), max(first, second)))])
-    return low_is_a != (first < second)
+        return not bool(state.broad.updated[first])
+    low = bool(low_is_a[topology.pairs.index((min(first, second), max(first, second)))])
+    return low != (first < second)
 
 
 def _xy(vec: Vec) -> Floats:
     return np.stack([np.asarray(vec.x), np.asarray(vec.y)], axis=1)
 
 
-def their_view(layout: Layout, state: BodyState, records: list[ContactRecord], links: Floats) -> StepView:
+def reference_view(
+    layout: Layout, state: BodyState, records: list[ContactRecord], constraint_impulses: Floats
+) -> StepView:
     """The same step as the reference saw it."""
 
     def rows(name: str, width: int) -> Floats:
@@ -172,11 +165,11 @@ def their_view(layout: Layout, state: BodyState, records: list[ContactRecord], l
         normal=normal,
         arm_a=rows("r1", 2),
         arm_b=rows("r2", 2),
-        distance=np.sum(gap * normal, axis=1),
+        separation=np.sum(gap * normal, axis=1),
         masses=np.concatenate([rows("normal_mass", 1), rows("tangent_mass", 1)], axis=1),
         speeds=np.concatenate([rows("bounce", 1), rows("bias", 1)], axis=1),
         impulses=np.concatenate([rows(f"{kind}_impulse", 1) for kind in ("normal", "tangent", "bias")], axis=1),
-        links=links,
+        constraint_impulses=constraint_impulses,
         velocity=state.velocity[moving],
         angular_velocity=state.angular_velocity[moving],
     )

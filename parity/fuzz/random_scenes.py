@@ -1,7 +1,7 @@
 """Random valid scenes over a bounded number of layouts to compile.
 
 A template says which bodies move and which joints and springs hold them. All scenes of a template have the same
-`Topology`, since none has more than `STATIC_PLACES` static bars: there is one program to compile for each template.
+`Topology`, since none has more than `STATIC_ROOM` static bars: there is one program to compile for each template.
 Positions are drawn to cause trouble: exactly touching, exactly symmetric, stacked, overlapping, or so far up that the
 body tunnels through others.
 """
@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes.compile import STATIC_PLACES
+from iphyre_jax.scenes.compile import STATIC_ROOM
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
 from iphyre_jax.scenes.scene import Scene
 
@@ -143,7 +143,7 @@ def random_scene(index: int, seed: int = SEED) -> Scene:
 
 def _draw(rng: np.random.Generator, template: Template, name: str) -> Scene:
     draft = _Draft(rng, float(rng.choice([0.0, 1.0, 10.0])))
-    room = min(STATIC_PLACES, MAX_OBJECTS - template.moving)
+    room = min(STATIC_ROOM, MAX_OBJECTS - template.moving)
     count = int(rng.integers(min(1, template.held), room + 1))
     for _ in range(count):
         draft.bodies.append(_placed(draft, _bar(draft), _STATIC_PLACES))

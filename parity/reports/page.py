@@ -15,7 +15,7 @@ from parity.play import GameResult
 from parity.reports.charts import Values, error_chart, sparkline, trajectories
 from parity.reports.summary import Summary
 from parity.reports.tables import HEADINGS, LEGEND, Section, cells, headline, inline, percent, targets_line
-from parity.statistics import Pair, Statistics
+from parity.statistics import PlayStatistics, Statistics
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 WORST_SHOWN = 8  # pictures of the plays with the largest errors, for each rate and type
@@ -238,7 +238,7 @@ def _diverged(plans: Sequence[DivergedPlan]) -> list[str]:
     return [title, _html_table(names, rows)]
 
 
-def _physics(pairs: Sequence[Pair]) -> list[str]:
+def _physics(pairs: Sequence[PlayStatistics]) -> list[str]:
     """Energy, momentum and contacts of one play of each game, side by side."""
     if not pairs:
         return []

@@ -1,7 +1,6 @@
 """Errors that a port of this engine is likely to make, each planted where it matters: the comparison names its stage.
 
-How much each matters, and on which games, is known from the reference itself; these six are the ones whose traces are
-not to be seen in a picture.
+The reference itself shows how much each matters, and in which games. None of these six shows in a picture.
 """
 
 from collections.abc import Callable
@@ -14,7 +13,8 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.physics import broad_phase, contacts, lanes, solver
+from iphyre_jax.physics import broad_phase, contacts, lanes, solver, tables
+from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import compile as scene_compiler
 from parity.engines import instrumented, views
 from parity.plans import random_plans
@@ -33,25 +33,23 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
     """The body of the lower index is always a: the two points of two bars come in one fixed order."""
     right = contacts._key
 
-    def key(info: jax.Array, place: int, touch: Any) -> jax.Array:
-        fixed = info if info.shape[0] == 1 else info.at[1].set(1)
-        return right(fixed, place, touch)
+    def key(info: jax.Array, index: int | None, point: Any) -> jax.Array:
+        fixed = info if index is None else info.at[tables.PAIR_FIRST_IS_A].set(1)
+        return right(fixed, index, point)
 
     patch.setattr(contacts, "_key", key)
-    patch.setattr(views, "_second_is_a", lambda layout, host, pair: False)  # what such a solver would tell
+    patch.setattr(views, "_second_is_a", lambda *_: False)  # as such a solver would have it
 
 
 def order_by_index(patch: pytest.MonkeyPatch) -> None:
     """Pairs are solved by the indices of their bodies."""
     right = broad_phase.order
 
-    def order(topology: Any, world: Any, broad: Any) -> broad_phase.Order:
-        bits = broad_phase.Counters(topology.moving).inner_bits
+    def order(topology: Any, world: Any, broad: Any) -> broad_phase.OrderKeys:
+        bits = OrderKeyLayout(topology.moving).inner_bits
         place = lanes.iota(topology.num_static, broad.path[0])
         static = jnp.stack([((body << bits) | place) << 1 for body in range(topology.moving)])
-        other = [
-            jnp.full_like(broad.path[0], ((i << bits) | (broad_phase.STATIC_RANKS + j)) << 1) for i, j in topology.pairs
-        ]
+        other = [jnp.full_like(broad.path[0], ((i << bits) | (STATIC_RANKS + j)) << 1) for i, j in topology.pairs]
         return replace(right(topology, world, broad), static=static, moving=tuple(other))
 
     patch.setattr(broad_phase, "order", order)

@@ -19,7 +19,7 @@ from tests.physics.worlds import DTYPES, make_scene
 
 FPS = 10
 STEPS = 150
-PLACES = 6  # columns of a plan in lanes
+PLAN_COLUMNS = 6  # columns of a plan in lanes
 
 both = pytest.mark.parametrize("dtype", DTYPES)
 
@@ -64,7 +64,7 @@ def roll(
 
 def columns(plan: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Turn plans (B, S) into lanes (PLACES, B)."""
-    out = np.full((PLACES, len(plan)), -1)
+    out = np.full((PLAN_COLUMNS, len(plan)), -1)
     out[: plan.shape[1]] = plan.T
     return out
 
@@ -113,13 +113,13 @@ def test_unused_room_changes_nothing(game: str, dtype: str, monkeypatch: pytest.
     played = roll(topology, lay([world] * 8), plan, dtype)
     assert not played.fault.any()
     wider = replace(topology, slots=topology.slots + 3)
-    monkeypatch.setattr(builder, "STATIC_PLACES", builder.STATIC_PLACES + 4)
+    monkeypatch.setattr(builder, "STATIC_ROOM", builder.STATIC_ROOM + 4)
     roomier, padded = compile_scene(scene, dtype=dtype)
-    assert roomier.statics == topology.num_static + 4
+    assert roomier.num_static == topology.num_static + 4
     exact = {"rtol": 0, "atol": 0 if dtype == "float64" else 0.05}
     for other_topology, other in ((wider, world), (roomier, padded)):
         outcome = roll(other_topology, lay([other] * 8), plan, dtype)
-        for name in ("over", "success", "steps", "eliminations", "fault"):
+        for name in ("done", "success", "steps", "eliminations", "fault"):
             np.testing.assert_array_equal(getattr(outcome, name), getattr(played, name))
         for one, two in zip(
             jax.tree.leaves((outcome.position, outcome.angle)),
@@ -196,7 +196,7 @@ def lanes_with(middle: Scene, dtype: str) -> tuple[Topology, World]:
 @both
 def test_a_world_with_too_many_contacts_stops_alone(dtype: str) -> None:
     """One slot, and a ball that comes to touch two bars."""
-    plan = np.full((PLACES, 4), -1)
+    plan = np.full((PLAN_COLUMNS, 4), -1)
     outcomes = []
     for middle in (make_scene([(300.0, 200.0, 20.0)], GROOVE), make_scene([(300.0, 200.0, 20.0)], GROOVE[:1])):
         topology, world = lanes_with(middle, dtype)
@@ -216,7 +216,7 @@ def test_a_world_with_too_many_contacts_stops_alone(dtype: str) -> None:
 @both
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_world_that_is_not_finite_stops_alone(dtype: str, value: float) -> None:
-    plan = np.full((PLACES, 4), -1)
+    plan = np.full((PLAN_COLUMNS, 4), -1)
     topology, world = lanes_with(make_scene([(300.0, 200.0, 20.0)], GROOVE), dtype)
     sound = roll(topology, world, plan, dtype)
     x = world.start.x.copy()

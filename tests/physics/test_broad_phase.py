@@ -14,7 +14,7 @@ import pytest
 
 from iphyre_jax import physics
 from iphyre_jax.physics import broad_phase
-from iphyre_jax.physics.broad_phase import COUNTER_START, STATIC_RANKS, Counters
+from iphyre_jax.physics.order_keys import COUNTER_START, STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.contacts import KEY_NONE
 from iphyre_jax.physics.types import Box, BroadPhase
 from iphyre_jax.scenes.compile import compile_scene, static_order
@@ -176,7 +176,7 @@ def test_touching_pairs_are_visited_in_pymunks_order_and_roles(name: str) -> Non
 
 @pytest.mark.parametrize("moving", range(1, 16))
 def test_counters_and_keys_fit_into_31_bits(moving: int) -> None:
-    c = Counters(moving)
+    c = OrderKeyLayout(moving)
     place = STATIC_RANKS + (moving - 1) * moving + moving - 1  # of the nearest relatives
     assert place < c.per_rank
     assert (moving - 1) * c.per_rank + place < c.per_step

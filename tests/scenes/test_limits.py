@@ -18,8 +18,8 @@ from iphyre_jax.compat import IPHYRE
 from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.observations.drawing import BALL, ELIMINABLE
 from iphyre_jax.observations.official import start_observation
-from iphyre_jax.physics.broad_phase import STATIC_RANKS, Counters
-from iphyre_jax.physics.contacts import STATIC_BODY
+from iphyre_jax.physics.contact_table import STATIC_BODY
+from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import (
     Limits,
     Scene,
@@ -64,7 +64,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_limits_are_what_the_solver_can_hold() -> None:
     assert MAX_MOVING == STATIC_BODY  # the moving bodies are 0 .. 14
     assert MOST_OBJECTS <= STATIC_RANKS  # one is a ball, which moves
-    assert Counters(MAX_MOVING).max_steps >= 15 * 60
+    assert OrderKeyLayout(MAX_MOVING).max_steps >= 15 * 60
     for numbers in ((11, 6), (12, 5), (65, 6), (20, 65), (20.0, 6), (True, 6)):
         with pytest.raises(ValueError, match=r"limits: (objects|blocks): expected a whole number from") as caught:
             Limits(*numbers)  # type: ignore[arg-type]

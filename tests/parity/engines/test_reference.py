@@ -99,7 +99,7 @@ def test_a_joint_goes_with_its_block() -> None:
     world = ReferenceWorld(scene)
     held = next(block for pair in scene.joints for block in pair if scene.eliminable[block])
     world.eliminate(held)
-    assert world.links == []
+    assert world.constraints == []
     assert len(list(world.space.constraints)) == 0
 
 

@@ -15,7 +15,7 @@ from parity.reports.charts import log_height, sparkline
 from parity.reports.page import median_over_plans, page
 from parity.reports.tables import sections
 from parity.stages import Divergence
-from parity.statistics import Pair, Statistics
+from parity.statistics import PlayStatistics, Statistics
 
 SCENE = load_scene("hole")
 PLANS = random_plans(SCENE, 5, 10, seed=2)
@@ -29,7 +29,7 @@ def text() -> str:
     same = compare_plans(plays, as_simulation(plays), SCENE.dynamic, 10)
     other = compare_plans(plays, as_simulation(perturbed), SCENE.dynamic, 10)
     sides = (np.linspace(0, 1, 20) + np.arange(10)[:, None] for _ in range(2))
-    pair = Pair("hole", 10, 1, *(Statistics(*side) for side in sides))
+    pair = PlayStatistics("hole", 10, 1, *(Statistics(*side) for side in sides))
     found = Divergence(17, "contact masses", "row (0, 0): ours 1.0, the reference's <2.0>")
     diverged = DivergedPlan("hole", 10, "float64", 3, (1, 2, -1, -1), 0.25, (True, 80), (True, 81), 0, found)
     worst = WorstPlan(3, *(play.samples.astype(np.float32) for play in (plays[3], perturbed[3])))
