@@ -244,9 +244,9 @@ def test_plans_that_share_their_beginnings_end_as_they_do_alone(dtype: str) -> N
     plan[plan < 0] = -1
     which = generator.integers(0, 2, 300)
     plan[:40], which[:40] = plan[40:80], which[40:80]
-    plan[which == 1, 2:] = -1  # pendulum has two blocks
+    plan[which == 1, 2:] = -1  # spring has two blocks
     alone, shared = (
-        simulate_many(["hole", "pendulum"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
+        simulate_many(["hole", "spring"], which, plan, fps=10, dtype=dtype, share_prefixes=share)
         for share in (False, True)
     )
     for name in ("success", "steps", "eliminations", "reward", "fault"):
