@@ -77,26 +77,26 @@ def test_no_worlds_on_a_mesh() -> None:
 
 
 @pytest.fixture
-def second(monkeypatch: pytest.MonkeyPatch) -> tuple[devices.Share, list[Any]]:
+def second(monkeypatch: pytest.MonkeyPatch) -> tuple[devices.Partition, list[Any]]:
     """The second of two processes, and the list of what the first one tells it."""
     first: list[Any] = []
     monkeypatch.setattr(
         multihost_utils, "process_allgather", lambda own: np.stack([first.pop(0) if first else own, own])
     )
-    return devices.Share(None, rank=1, ranks=2), first
+    return devices.Partition(None, process_index=1, process_count=2), first
 
 
-def test_rows_of_all_processes_are_gathered(second: tuple[devices.Share, list[Any]]) -> None:
-    share, first = second
+def test_rows_of_all_processes_are_gathered(second: tuple[devices.Partition, list[Any]]) -> None:
+    partition, first = second
     array = np.array([[0.0, 0], [0, 0], [1, 2], [0, 0]])
     first.append(np.array([[5.0, np.nan], [1e-300, 8], [9, 10]]))
-    devices.gather(share, [np.array([3, 0, 1]), np.array([2])], array)
+    devices.gather(partition, [np.array([3, 0, 1]), np.array([2])], array)
     np.testing.assert_array_equal(array, [[1e-300, 8], [9, 10], [1, 2], [5, np.nan]])
 
 
-def test_processes_must_make_the_same_call(second: tuple[devices.Share, list[Any]]) -> None:
+def test_processes_must_make_the_same_call(second: tuple[devices.Partition, list[Any]]) -> None:
     _, first = second
-    devices.agree(np.arange(3), "same")
+    devices.check_same_call(np.arange(3), "same")
     first.append(np.zeros(32, np.uint8))
     with pytest.raises(ValueError, match=r"^mesh: .* must all make the same call"):
-        devices.agree(np.arange(3), "other")
+        devices.check_same_call(np.arange(3), "other")

@@ -119,7 +119,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     finished: loop.EpisodeResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interrupted while the second round is played, then resumed; a line cut short by a kill is written again."""
-    real, calls = collect.play, iter(range(100))
+    real, calls = collect.play_plans, iter(range(100))
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
         if next(calls) == 2:  # the first round plays twice: its plans, and the greedy ones
@@ -128,7 +128,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
 
     folder = tmp_path / "run"
     with monkeypatch.context() as patched:
-        patched.setattr(collect, "play", interrupted)
+        patched.setattr(collect, "play_plans", interrupted)
         outcome = loop.train(TINY, folder, QUIET)
     assert (outcome.finished, int(outcome.state.update), len(logs.read(folder))) == (False, 1, 1)
     assert (folder / "curve.png").read_bytes().startswith(PNG)
