@@ -9,7 +9,7 @@ inserted (counters).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -60,7 +60,7 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
     base = COUNTER_START + step * layout.per_step
     if topology.moving == 1:
         inserted = jnp.where(outside, jnp.expand_dims(base, 0), broad.inserted)
-        return BroadPhase(fat, broad.path, broad.depth, inserted, broad.pair_counter, outside)
+        return replace(broad, fat=fat, inserted=inserted, updated=outside)
 
     def reinsert(_: None) -> BroadPhase:
         path, depth = _move_leaves(topology, world, broad, fat, outside)
@@ -69,10 +69,8 @@ def update(topology: Topology, world: World, broad: BroadPhase, box: Box, veloci
         pair_counter = _count_pairs(topology, layout, base, path, rank, outside, broad.pair_counter)
         return BroadPhase(fat, path, depth, inserted, pair_counter, outside)
 
-    def keep(_: None) -> BroadPhase:
-        return BroadPhase(fat, broad.path, broad.depth, broad.inserted, broad.pair_counter, outside)
-
-    return jax.lax.cond(lanes.any_set(lanes.any_lane(outside)), reinsert, keep, None)
+    unchanged = replace(broad, fat=fat, updated=outside)
+    return jax.lax.cond(lanes.any_set(lanes.any_lane(outside)), reinsert, lambda _: unchanged, None)
 
 
 def ranks(path: jax.Array) -> jax.Array:

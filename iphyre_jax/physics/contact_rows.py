@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import jax
 
 from iphyre_jax.physics import lanes
-from iphyre_jax.physics.types import Motion, World
+from iphyre_jax.physics.types import Motions, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, rotate
 
 COMMON = 6  # columns before the signs and arms
@@ -95,7 +95,7 @@ def unpack_contact(packed: jax.Array, layout: ContactLayout, axis: int = 0) -> C
     return Contact(Vec(n[0], n[1]), n[2], n[3], n[4], n[5], tuple(signs), tuple(vectors))
 
 
-def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = False) -> Vec:
+def relative_velocity(contact: Contact, motions: Motions, *, bias: bool = False) -> Vec:
     """Return the velocity (or bias velocity) of the second body relative to the first, there: normal, tangential."""
     velocities = [motion.bias_velocity if bias else motion.velocity for motion in motions]
     angular_velocities = [motion.bias_angular_velocity if bias else motion.angular_velocity for motion in motions]
@@ -113,8 +113,8 @@ def relative_velocity(contact: Contact, motions: list[Motion], *, bias: bool = F
 
 
 def apply_impulse(
-    world: World, contact: Contact, motions: list[Motion], impulse: Vec, push: jax.Array | None = None
-) -> list[Motion]:
+    world: World, contact: Contact, motions: Motions, impulse: Vec, push: jax.Array | None = None
+) -> Motions:
     """Give the bodies an impulse (normal, tangential), and a bias impulse along the normal, px/s."""
     exact = contact.normal.exact
     whole = rotate(contact.normal, impulse)

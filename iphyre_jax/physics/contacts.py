@@ -131,16 +131,10 @@ def _bar_bar(
         _of_bar_pairs(topology, order.low_is_a, broad.updated).astype(jnp.int32),
         *jnp.broadcast_to(world.point_class, (4, len(pairs), *shape.alive.shape[1:])),
     ]
-    return PairType(
-        pairs,
-        bodies=tuple((i, j if j < m else STATIC_BODY) for i, j in pairs),
-        first_id=len(topology.ball_bar_pairs) + len(topology.ball_pairs),
-        info=lanes.stack(info, axis=1),
-        tables=(shape.bars[:m], shape.bars),
-        manifold=manifold,
-        two_bars=True,
-        uses_gjk=world.exact,
-    )
+    bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
+    first_id, packed = len(topology.ball_bar_pairs) + len(topology.ball_pairs), lanes.stack(info, axis=1)
+    tables = (shape.bars[:m], shape.bars)
+    return PairType(pairs, bodies, first_id, packed, tables, manifold, two_bars=True, uses_gjk=world.exact)
 
 
 def _of_bar_pairs(topology: Topology, of_moving: Sequence[jax.Array], of_body: jax.Array) -> jax.Array:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
-from iphyre_jax.physics.types import STATIC, Motion, State, Timing, Topology, World
+from iphyre_jax.physics.types import STATIC, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
 
 
@@ -25,7 +25,10 @@ class Constraint:
     impulse: jax.Array  # accumulated, px/s
 
 
-def prepare(topology: Topology, world: World, timing: Timing, state: State) -> list[Constraint]:
+Constraints = list[Constraint]  # pins, then springs
+
+
+def prepare(topology: Topology, world: World, timing: Timing, state: State) -> Constraints:
     """Return the constraints of a step, pins first, before any impulse.
 
     A pin's target is the speed -bias (distance - length) / dt. A spring's target starts at 0. Its impulse is the
@@ -58,7 +61,7 @@ def _end(world: World, state: State, k: int, body: int) -> Vec:
     return world.anchor[k] if body == STATIC else state.position[body]
 
 
-def _speed(constraint: Constraint, motions: list[Motion], ends: tuple[int, int]) -> jax.Array:
+def _speed(constraint: Constraint, motions: Motions, ends: tuple[int, int]) -> jax.Array:
     """Return the relative speed along the normal, px/s; a static end is at rest."""
     i, j = ends
     if i == STATIC:
@@ -68,7 +71,7 @@ def _speed(constraint: Constraint, motions: list[Motion], ends: tuple[int, int])
     return dot(motions[j].velocity - motions[i].velocity, constraint.normal)
 
 
-def _push(motions: list[Motion], ends: tuple[int, int], constraint: Constraint, impulse: jax.Array) -> list[Motion]:
+def _push(motions: Motions, ends: tuple[int, int], constraint: Constraint, impulse: jax.Array) -> Motions:
     """Give an impulse along the normal to both ends, where the constraint is active."""
     given = constraint.normal * jnp.where(constraint.active, impulse, 0)
     out = list(motions)
@@ -78,23 +81,17 @@ def _push(motions: list[Motion], ends: tuple[int, int], constraint: Constraint, 
     return out
 
 
-def apply_springs(
-    topology: Topology, constraints: list[Constraint], motions: list[Motion], rank: jax.Array
-) -> list[Motion]:
+def apply_springs(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the springs' forces of the step to the bodies; the reference does so before gravity."""
     return _apply(topology, range(len(topology.pins), len(constraints)), constraints, motions, rank)
 
 
-def apply_cached(
-    topology: Topology, constraints: list[Constraint], motions: list[Motion], rank: jax.Array
-) -> list[Motion]:
+def apply_cached(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the pins' impulses of the step before to the bodies again."""
     return _apply(topology, range(len(topology.pins)), constraints, motions, rank)
 
 
-def _apply(
-    topology: Topology, chosen: range, constraints: list[Constraint], motions: list[Motion], rank: jax.Array
-) -> list[Motion]:
+def _apply(topology: Topology, chosen: range, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the accumulated impulses of the chosen constraints to the bodies, in solve order."""
     for k, here in _in_order(len(constraints), rank):
         if k in chosen:
@@ -104,8 +101,8 @@ def _apply(
 
 
 def sweep(
-    topology: Topology, timing: Timing, constraints: list[Constraint], motions: list[Motion], rank: jax.Array
-) -> tuple[list[Constraint], list[Motion]]:
+    topology: Topology, timing: Timing, constraints: Constraints, motions: Motions, rank: jax.Array
+) -> tuple[Constraints, Motions]:
     """Run one sweep over the constraints in list order.
 
     Pin: the impulse that gives the target speed. Spring: damping takes its share of the difference to the target speed;
@@ -122,11 +119,9 @@ def sweep(
             target, impulse = speed + damped, product(damped, constraint.mass)
         total = constraint.impulse + impulse
         motions = _push(motions, ends, constraint, total - constraint.impulse)
-        constraints[k] = replace(
-            constraints[k],
-            target=jnp.where(constraint.active, target, constraint.target),
-            impulse=jnp.where(constraint.active, total, constraint.impulse),
-        )
+        new = ((target, constraint.target), (total, constraint.impulse))
+        target, total = (jnp.where(constraint.active, *pair) for pair in new)
+        constraints[k] = replace(constraints[k], target=target, impulse=total)
     return constraints, motions
 
 

@@ -15,18 +15,7 @@ from iphyre_jax.physics import gjk
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.physics.gjk import nearest
 from iphyre_jax.physics.types import Segment
-from iphyre_jax.physics.vector import (
-    Vec,
-    clamp01,
-    cross,
-    dot,
-    length,
-    lerp,
-    normalized,
-    product,
-    rounded,
-    where,
-)
+from iphyre_jax.physics.vector import Vec, clamp01, cross, dot, length, lerp, normalized, product, rounded, where
 
 
 @jax.tree_util.register_dataclass

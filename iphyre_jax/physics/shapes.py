@@ -8,19 +8,8 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import lanes
+from iphyre_jax.physics import lanes, tables
 from iphyre_jax.physics.constants import BAR_RADIUS
-from iphyre_jax.physics.tables import (
-    BALL_CENTRE,
-    BALL_COMPENSATION,
-    BALL_RADIUS,
-    BAR_A,
-    BAR_B,
-    BAR_CENTRE,
-    BAR_COMPENSATION,
-    BAR_NORMAL,
-    vec,
-)
 from iphyre_jax.physics.types import Box, Segment, State, Topology, World
 from iphyre_jax.physics.vector import Vec, is_exact, product
 
@@ -95,13 +84,15 @@ def world_shapes(topology: Topology, world: World, state: State) -> Shapes:
 
 def bar(row: jax.Array) -> Bar:
     """Return the bar of one row, (columns,)."""
-    segment = Segment(vec(row, BAR_A), vec(row, BAR_B), vec(row, BAR_NORMAL))
-    return Bar(segment, vec(row, BAR_CENTRE), None if is_exact(row) else vec(row, BAR_COMPENSATION))
+    segment = Segment(*(tables.vec(row, column) for column in (tables.BAR_A, tables.BAR_B, tables.BAR_NORMAL)))
+    centre = tables.vec(row, tables.BAR_CENTRE)
+    return Bar(segment, centre, None if is_exact(row) else tables.vec(row, tables.BAR_COMPENSATION))
 
 
 def ball(row: jax.Array) -> Ball:
     """Return the ball of one row, (columns,)."""
-    return Ball(vec(row, BALL_CENTRE), row[BALL_RADIUS], None if is_exact(row) else vec(row, BALL_COMPENSATION))
+    centre, radius = tables.vec(row, tables.BALL_CENTRE), row[tables.BALL_RADIUS]
+    return Ball(centre, radius, None if is_exact(row) else tables.vec(row, tables.BALL_COMPENSATION))
 
 
 def shifted(segment: Segment, by: Vec) -> Segment:

@@ -20,8 +20,8 @@ from iphyre_jax.physics.contact_rows import (
     unpack_contact,
 )
 from iphyre_jax.physics.contact_table import STATIC_BODY, ContactPoint, ContactTable
-from iphyre_jax.physics.joints import Constraint
-from iphyre_jax.physics.types import Cache, Motion, Timing, World
+from iphyre_jax.physics.joints import Constraints
+from iphyre_jax.physics.types import Cache, Motion, Motions, Timing, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where
 
 FEW_SLOTS = 2  # up to so many are written out, without a loop over slots
@@ -88,18 +88,18 @@ def write_cache(cache: Cache, contacts: Contacts) -> Cache:
     return jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), newest, cache)
 
 
-def unstack(motion: Motion, moving: int) -> list[Motion]:
+def unstack(motion: Motion, moving: int) -> Motions:
     """Return the bodies' motions as a list."""
     return [jax.tree.map(lambda leaf, i=i: leaf[i], motion) for i in range(moving)]
 
 
-def stack(motions: list[Motion]) -> Motion:
+def stack(motions: Motions) -> Motion:
     """Return a list of motions as rows."""
     return jax.tree.map(lambda *rows: jnp.stack(rows), *motions)
 
 
 def prestep(
-    world: World, timing: Timing, points: ContactTable, num_active: jax.Array, motions: list[Motion], cache: Cache
+    world: World, timing: Timing, points: ContactTable, num_active: jax.Array, motions: Motions, cache: Cache
 ) -> Contacts:
     """Return the contacts of a step: masses, wanted speeds and cached impulses, from the velocities as they are."""
     layout, like = layout_of(world), points.numbers[:, 0]
@@ -118,7 +118,7 @@ def prestep(
     return Contacts(*rows, num_active)
 
 
-def _prepare(world: World, timing: Timing, point: ContactPoint, motions: list[Motion]) -> Contact:
+def _prepare(world: World, timing: Timing, point: ContactPoint, motions: Motions) -> Contact:
     """Return a contact point's masses and wanted speeds.
 
     normal mass 1 / sum(1/m + (r x n)^2 / I), tangent mass the same with the tangent; bias speed
@@ -156,11 +156,11 @@ def _arms(world: World, point: ContactPoint, layout: ContactLayout) -> tuple[tup
     return tuple(signs), tuple(arms)
 
 
-def apply_cached(world: World, contacts: Contacts, motions: list[Motion]) -> list[Motion]:
+def apply_cached(world: World, contacts: Contacts, motions: Motions) -> Motions:
     """Give the bodies the impulses of contacts that continue from the step before, in solve order."""
     layout = layout_of(world)
 
-    def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: list[Motion]) -> list[Motion]:
+    def apply(_: jax.Array, row: tuple[jax.Array, jax.Array, jax.Array], motions: Motions) -> Motions:
         packed, impulses, continuing = row
         contact, zero = unpack_contact(packed, layout), jnp.zeros_like(impulses[0])
         impulse = where(continuing, Vec(impulses[0], impulses[1]), Vec(zero, zero))
@@ -181,9 +181,7 @@ def _smaller(a: jax.Array, b: jax.Array) -> jax.Array:
 Impulses = tuple[jax.Array, jax.Array, jax.Array]  # normal, tangent, bias
 
 
-def _solve_point(
-    world: World, contact: Contact, impulses: Impulses, motions: list[Motion]
-) -> tuple[Impulses, list[Motion]]:
+def _solve_point(world: World, contact: Contact, impulses: Impulses, motions: Motions) -> tuple[Impulses, Motions]:
     """Solve one contact point: all three impulses from velocities read before any of them is applied."""
     zero = jnp.zeros_like(impulses[0])
     bias_speed = relative_velocity(contact, motions, bias=True).x
@@ -201,31 +199,31 @@ def _solve_point(
 def solve(
     world: World,
     contacts: Contacts,
-    constraints: list[Constraint],
-    motions: list[Motion],
-    sweep_constraints: Callable[[list[Constraint], list[Motion]], tuple[list[Constraint], list[Motion]]],
-) -> tuple[Contacts, list[Constraint], list[Motion]]:
+    constraints: Constraints,
+    motions: Motions,
+    sweep_constraints: Callable[[Constraints, Motions], tuple[Constraints, Motions]],
+) -> tuple[Contacts, Constraints, Motions]:
     """Run the sweeps: in each, all contact points in solve order, then the constraints."""
     layout, slots = layout_of(world), contacts.packed.shape[0]
 
-    def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, list[Motion]]) -> tuple[jax.Array, list[Motion]]:
+    def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, Motions]) -> tuple[jax.Array, Motions]:
         impulses, motions = carry
         own = lanes.read(impulses, k)
         new, motions = _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), motions)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
-    Swept = tuple[jax.Array, list[Constraint], list[Motion]]
+    Swept = tuple[jax.Array, Constraints, Motions]
 
     def sweep(_: jax.Array, swept: Swept) -> Swept:
         impulses, constraints, motions = swept
         impulses, motions = lanes.visit(contacts.packed, contacts.num_active, slot, (impulses, motions))
         return impulses, *sweep_constraints(constraints, motions)
 
-    def written_out(impulses: jax.Array, motions: list[Motion]) -> tuple[jax.Array, list[Motion]]:
+    def written_out(impulses: jax.Array, motions: Motions) -> tuple[jax.Array, Motions]:
         """Run all sweeps over all slots, each kept in values of its own, so that no table is read or written."""
         points = [unpack_contact(contacts.packed[k], layout) for k in range(slots)]
 
-        def sweep(_: jax.Array, carry: tuple[list[Impulses], list[Motion]]) -> tuple[list[Impulses], list[Motion]]:
+        def sweep(_: jax.Array, carry: tuple[list[Impulses], Motions]) -> tuple[list[Impulses], Motions]:
             (*own,), motions = carry
             for k, contact in enumerate(points):
                 own[k], motions = _solve_point(world, contact, own[k], motions)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics import broad_phase, contacts, joints, shapes, solver
-from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, State, Timing, Topology, World
+from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, product
 
 
@@ -82,11 +82,9 @@ def integrate_positions(state: State, timing: Timing) -> State:
     )
 
 
-def integrate_velocities(motions: list[Motion], timing: Timing) -> list[Motion]:
+def integrate_velocities(motions: Motions, timing: Timing) -> Motions:
     """Add gravity; damping is 1."""
-    return [
-        replace(motion, velocity=Vec(motion.velocity.x, motion.velocity.y + timing.gravity_dt)) for motion in motions
-    ]
+    return [replace(one, velocity=Vec(one.velocity.x, one.velocity.y + timing.gravity_dt)) for one in motions]
 
 
 @jax.tree_util.register_dataclass
@@ -96,7 +94,7 @@ class Stages:
 
     contacts: solver.Contacts  # after the last sweep
     num_touching: jax.Array  # () int32, contact points found; may exceed the slots
-    constraints: list[joints.Constraint]  # after the last sweep
+    constraints: joints.Constraints  # after the last sweep
 
 
 def step(topology: Topology, world: World, timing: Timing, state: State) -> State:

@@ -164,6 +164,9 @@ class Motion:
     bias_angular_velocity: jax.Array
 
 
+Motions = list[Motion]  # one of each moving body
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Box:
