@@ -14,8 +14,8 @@ import pytest
 
 from iphyre_jax import physics
 from iphyre_jax.physics import broad_phase
-from iphyre_jax.physics.order_keys import COUNTER_START, STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.contacts import KEY_NONE
+from iphyre_jax.physics.order_keys import COUNTER_START, STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.types import Box, BroadPhase
 from iphyre_jax.scenes.compile import compile_scene, static_order
 from parity.engines.reference import ReferenceWorld

@@ -13,7 +13,7 @@ import pytest
 
 from iphyre_jax.physics import contact_rows, solver
 from iphyre_jax.physics.constants import BAR_MOMENT, BIAS_BASE, SLOP
-from iphyre_jax.physics.contacts import BODY_BITS, STATIC_BODY, Points
+from iphyre_jax.physics.contact_table import BODY_BITS, STATIC_BODY, ContactTable
 from iphyre_jax.physics.types import Cache, Motion
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene, step_timing
@@ -69,15 +69,15 @@ def contacts(dtype: str) -> tuple[Any, Callable[[], contact_rows.Contact]]:
     with jax.enable_x64(dtype == "float64"):
         columns = [part for row in (NORMAL, arms(0), arms(1)) for part in (row.real, row.imag)]
         tag = (np.arange(len(PAIRS)) << 2 * BODY_BITS) | (PAIRS[:, 0] << BODY_BITS) | PAIRS[:, 1]
-        points = Points(jnp.asarray(tag, jnp.int32), jnp.asarray(np.stack([*columns, DISTANCE], 1), dtype))
+        points = ContactTable(jnp.asarray(tag, jnp.int32), jnp.asarray(np.stack([*columns, DISTANCE], 1), dtype))
         empty = jnp.zeros((3, 1), dtype)
         known = Cache(jnp.full((3, 1), -1, jnp.int32), empty, empty)
         v, w = vec(VELOCITY, dtype), jnp.asarray(SPIN, dtype)
         bodies = solver.unstack(Motion(v, w, v, w), 4)
         used = jnp.int32(len(PAIRS))
         prepared = jax.jit(solver.prestep)(world, step_timing(1 / DT, dtype), points, used, bodies, known)
-        form = contact_rows.form_of(world)
-        return world, partial(contact_rows.unpack_contact, prepared.fixed, form, axis=1)
+        form = contact_rows.layout_of(world)
+        return world, partial(contact_rows.unpack_contact, prepared.packed, form, axis=1)
 
 
 def motions(dtype: str) -> list[Motion]:

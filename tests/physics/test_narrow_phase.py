@@ -13,7 +13,7 @@ import pytest
 from pymunk._chipmunk_cffi import lib
 
 from iphyre_jax.physics import gjk, narrow_phase
-from iphyre_jax.physics.narrow_phase import Touch
+from iphyre_jax.physics.narrow_phase import ManifoldPoint
 from tests.physics.geometry import crossing, dot, nearest_on, number, random_bars, segment, shortest, vec, way_out
 from tests.physics.worlds import DTYPES
 
@@ -32,13 +32,13 @@ def _bars(one: Any, two: Any, first_is_a: jax.Array, searched: bool) -> Any:
     return narrow_phase.segment_segment(one, two, first_is_a, start)[0]
 
 
-def bars(one: Any, two: Any, dtype: str, first_is_a: bool = True) -> tuple[Touch, Touch]:
+def bars(one: Any, two: Any, dtype: str, first_is_a: bool = True) -> tuple[ManifoldPoint, ManifoldPoint]:
     with jax.enable_x64(dtype == "float64"):
         sides = (segment((np.resize(a, COUNT), np.resize(b, COUNT)), dtype) for a, b in (one, two))
         return jax.tree.map(np.asarray, _bars(*sides, np.full(COUNT, first_is_a), dtype == "float64"))
 
 
-def circles(p: Any, r: Any, q: Any, s: Any, dtype: str, first_is_a: Any = True) -> Touch:
+def circles(p: Any, r: Any, q: Any, s: Any, dtype: str, first_is_a: Any = True) -> ManifoldPoint:
     with jax.enable_x64(dtype == "float64"):
         p, q, r, s, first_is_a = (np.resize(given, COUNT) for given in (p, q, r, s, first_is_a))
         radii = jnp.asarray(r, dtype), jnp.asarray(s, dtype)
@@ -46,7 +46,7 @@ def circles(p: Any, r: Any, q: Any, s: Any, dtype: str, first_is_a: Any = True) 
         return jax.tree.map(np.asarray, touch)
 
 
-def circle_bar(p: Any, r: Any, a: Any, b: Any, dtype: str) -> Touch:
+def circle_bar(p: Any, r: Any, a: Any, b: Any, dtype: str) -> ManifoldPoint:
     with jax.enable_x64(dtype == "float64"):
         p, r, a, b = (np.resize(given, COUNT) for given in (p, r, a, b))
         return jax.tree.map(np.asarray, _circle_bar(vec(p, dtype), jnp.asarray(r, dtype), segment((a, b), dtype)))
@@ -168,7 +168,7 @@ def reference(one: pymunk.Shape, two: pymunk.Shape) -> list[float]:
     return [coordinate for at in (found.normal, *pairs) for coordinate in (at.x, at.y)] if points else []
 
 
-def ours(touches: tuple[Touch, ...], k: int) -> list[float]:
+def ours(touches: tuple[ManifoldPoint, ...], k: int) -> list[float]:
     here = [touch for touch in touches if touch.touching[k]]
     pairs = [end for touch in here for end in (touch.on_first, touch.on_second)]
     return [float(part[k]) for at in (here[0].normal, *pairs) for part in (at.x, at.y)] if here else []
