@@ -76,8 +76,8 @@ def contacts(dtype: str) -> tuple[Any, Callable[[], contact_rows.Contact]]:
         bodies = solver.unstack(Motion(v, w, v, w), 4)
         used = jnp.int32(len(PAIRS))
         prepared = jax.jit(solver.prestep)(world, step_timing(1 / DT, dtype), points, used, bodies, known)
-        form = contact_rows.layout_of(world)
-        return world, partial(contact_rows.unpack_contact, prepared.packed, form, axis=1)
+        layout = contact_rows.layout_of(world)
+        return world, partial(contact_rows.unpack_contact, prepared.packed, layout, axis=1)
 
 
 def motions(dtype: str) -> list[Motion]:
@@ -169,11 +169,11 @@ def test_the_masses_are_those_of_the_impulses(dtype: str) -> None:
 def test_packed_contacts_come_back(bars: int, dtype: str) -> None:
     """Every field has a row of its own; a lone body needs no sign, a ball in float32 no second component."""
     for moving in (bars + 1, bars + 2):
-        form = contact_rows.form(bars, moving, exact=dtype == "float64")
-        rows = np.arange(contact_rows.fields(form), dtype=dtype)
+        layout = contact_rows.ContactLayout(bars, moving, exact=dtype == "float64")
+        rows = np.arange(layout.width, dtype=dtype)
 
-        def come_back(rows: jax.Array, form: contact_rows.Form = form, moving: int = moving) -> jax.Array:
-            contact = contact_rows.unpack_contact(rows, form)
+        def come_back(rows: jax.Array, layout: contact_rows.ContactLayout = layout, moving: int = moving) -> jax.Array:
+            contact = contact_rows.unpack_contact(rows, layout)
             assert len(contact.sign) == (moving if moving > 1 else 0)
             assert [arm.y is not None for arm in contact.arm] == [dtype == "float64" or k < bars for k in range(moving)]
             return contact.pack()

@@ -51,27 +51,27 @@ def world_of(joint_pairs: Any, springs: Any = ()) -> Any:
 
 @partial(jax.jit, static_argnums=0)
 def _stages(topology: Any, world: Any, state: Any) -> dict[str, Any]:
-    """Return what each function makes of the same links and velocities."""
+    """Return what each function makes of the same constraints and velocities."""
     timing = step_timing(FPS, "float64")
-    links, bodies = joints.prepare(topology, world, timing, state), solver.unstack(state.motion, topology.moving)
-    once = joints.sweep(topology, timing, links, bodies, state.place)
-    twice = joints.sweep(topology, timing, *once, state.place)
+    constraints, bodies = joints.prepare(topology, world, timing, state), solver.unstack(state.motion, topology.moving)
+    once = joints.sweep(topology, timing, constraints, bodies, state.constraint_rank)
+    twice = joints.sweep(topology, timing, *once, state.constraint_rank)
     return {
-        "links": links,
-        "springs": joints.apply_springs(topology, links, bodies, state.place),
-        "cached": joints.apply_cached(topology, links, bodies, state.place),
+        "constraints": constraints,
+        "springs": joints.apply_springs(topology, constraints, bodies, state.constraint_rank),
+        "cached": joints.apply_cached(topology, constraints, bodies, state.constraint_rank),
         "once": once[1],
-        "links once": once[0],
+        "constraints once": once[0],
         "twice": twice[1],
-        "links twice": twice[0],
+        "constraints twice": twice[0],
     }
 
 
 @partial(jax.jit, static_argnums=0)
 def _one_sweep(topology: Any, world: Any, state: Any) -> Any:
     timing, bodies = step_timing(FPS, "float64"), solver.unstack(state.motion, topology.moving)
-    links = joints.prepare(topology, world, timing, state)
-    return links, joints.sweep(topology, timing, links, bodies, state.place)[1]
+    constraints = joints.prepare(topology, world, timing, state)
+    return constraints, joints.sweep(topology, timing, constraints, bodies, state.constraint_rank)[1]
 
 
 def velocities(motions: Any) -> Any:
@@ -96,7 +96,7 @@ def test_pins_and_springs_by_their_formulae(kind: str) -> None:
         share = 1 / len(movers[pair])  # mass of the link, the bodies' being 1
         start = of_ends(pair, [complex(x, y) for x, y, _ in STARTS], centres)
         length = abs(start[1] - start[0])
-        link, after = found["links"][k], found["links once"][k]
+        link, after = found["constraints"][k], found["constraints once"][k]
         np.testing.assert_allclose([number(link.normal), float(link.mass)], [normal, share], rtol=1e-14)
         before = of_ends(pair, VELOCITY, [0, 0])
         speed = dot(before[1] - before[0], normal)
@@ -123,7 +123,7 @@ def test_the_bias_leaves_its_share_of_the_error_after_a_second() -> None:
     """One step at the wanted speed leaves 1 - bias of the error, all steps of a second the base."""
     pin, spring = KINDS["between balls"]
     topology, world, state = world_of([pin], [spring])
-    link = _stages(topology, world, state)["links"][0]
+    link = _stages(topology, world, state)["constraints"][0]
     error = abs(MOVED[1] - MOVED[0]) - 100
     np.testing.assert_allclose((error + float(link.target) * DT) / error, BIAS_BASE**DT, rtol=1e-12)
     for fps in (10, 60):
@@ -136,27 +136,27 @@ def test_a_removed_bar_lets_go() -> None:
     found = _stages(topology, world, replace(state, alive=jnp.zeros_like(state.alive)))
     for stage in ("springs", "cached", "once", "twice"):
         np.testing.assert_array_equal(velocities(found[stage]), VELOCITY, stage)
-    assert found["links twice"][0].impulse == PIN_IMPULSE
+    assert found["constraints twice"][0].impulse == PIN_IMPULSE
 
 
 def test_a_spring_between_two_centres_in_one_does_not_pull() -> None:
     pin, spring = KINDS["between balls"]
     topology, world, state = world_of([pin], [spring])
     found = _stages(topology, world, replace(state, position=vec([*MOVED[:3], MOVED[2]])))
-    assert number(found["links"][1].normal) == 0
+    assert number(found["constraints"][1].normal) == 0
     np.testing.assert_array_equal(velocities(found["springs"]), VELOCITY)
     np.testing.assert_array_equal(velocities(found["once"])[2:], VELOCITY[2:])
 
 
-@pytest.mark.parametrize("place", [(0, 1, 2), (2, 0, 1), (1, -1, 0)])
-def test_a_sweep_goes_by_the_places_in_the_list(place: tuple[int, ...]) -> None:
-    """A chain of three pins, each pushed on by the one before; a removed pin has the place -1."""
+@pytest.mark.parametrize("rank", [(0, 1, 2), (2, 0, 1), (1, -1, 0)])
+def test_a_sweep_goes_by_the_ranks(rank: tuple[int, ...]) -> None:
+    """A chain of three pins, each pushed on by the one before; a removed pin has the rank -1."""
     pins = [(2, 3), (3, 4), (4, 5)]
     topology, world, state = world_of(pins)
-    links, after = _one_sweep(topology, world, replace(state, place=jnp.array(place, jnp.int32)))
+    constraints, after = _one_sweep(topology, world, replace(state, constraint_rank=jnp.array(rank, jnp.int32)))
     expected = VELOCITY.copy()
-    for k in sorted((k for k in range(3) if place[k] >= 0), key=lambda k: place[k]):
-        link, (i, j) = links[k], (pins[k][0] - 2, pins[k][1] - 2)
+    for k in sorted((k for k in range(3) if rank[k] >= 0), key=lambda k: rank[k]):
+        link, (i, j) = constraints[k], (pins[k][0] - 2, pins[k][1] - 2)
         normal = number(link.normal)
         push = (float(link.target) - dot(expected[j] - expected[i], normal)) / 2 * normal
         expected[i], expected[j] = expected[i] - push, expected[j] + push
@@ -175,10 +175,10 @@ def test_the_last_constraint_takes_the_hole_of_a_removed_one() -> None:
             state, left = first, list(range(6))
             for group in groups:
                 alive = state.alive & ~jnp.isin(world.plan_slot, np.array(group))
-                state = replace(state, place=close(world, state, alive), alive=alive)
+                state = replace(state, constraint_rank=close(world, state, alive), alive=alive)
                 for bar in sorted(group):
                     for k in [k for k, pair in enumerate(pins + springs) if bar in pair]:
                         hole = left.index(k)
                         left[hole] = left[-1]
                         left.pop()
-                assert state.place.tolist() == [left.index(k) if k in left else -1 for k in range(6)]
+                assert state.constraint_rank.tolist() == [left.index(k) if k in left else -1 for k in range(6)]

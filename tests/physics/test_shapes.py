@@ -49,7 +49,7 @@ def placed(dtype: str) -> tuple[Any, Any, shapes.Shapes, Box]:
             state,
             position=vec(CENTRES, dtype),
             angle=jnp.asarray(ANGLES, dtype),
-            residue=vec(CENTRES[: len(state.residue.x)] / 2**30, dtype),
+            position_compensation=vec(CENTRES[: len(state.position_compensation.x)] / 2**30, dtype),
             alive=state.alive.at[1].set(False),
         )
         shape = shapes.world_shapes(topology, world, state)
@@ -80,11 +80,11 @@ def test_bars_are_turned_about_their_centres(dtype: str) -> None:
     np.testing.assert_allclose([number(ball.centre) for ball in balls], CENTRES[2:], **close)
     assert [float(ball.radius) for ball in balls] == [20, 31.5]
     if relative:
-        residues = [number(row.residue) for row in (*bars[:3], *balls)]
-        np.testing.assert_allclose(residues, [*CENTRES[:2] / 2**30, 0, *CENTRES[2:] / 2**30], rtol=1e-6)
+        compensations = [number(row.compensation) for row in (*bars[:3], *balls)]
+        np.testing.assert_allclose(compensations, [*CENTRES[:2] / 2**30, 0, *CENTRES[2:] / 2**30], rtol=1e-6)
     else:
-        assert bars[0].residue is None
-        assert balls[0].residue is None
+        assert bars[0].compensation is None
+        assert balls[0].compensation is None
 
 
 @both

@@ -107,7 +107,7 @@ def test_special_values() -> None:
     np.testing.assert_array_equal(vector.rounded(odd), odd)
     assert number(vector.normalized(vec(np.zeros(1)))) == 0  # not NaN
     np.testing.assert_array_equal(vector.clamp01(jnp.array([-1, 0, 0.25, 1, 7])), [0, 0, 0.25, 1, 1])
-    assert vector.rounds_as_reference(vec(np.zeros(1)))
+    assert vec(np.zeros(1)).exact
     single = jnp.zeros(1, jnp.float32)
-    assert not vector.rounds_as_reference(Vec(single, single))
+    assert not Vec(single, single).exact
     assert vector.rounded(single).dtype == jnp.float32
