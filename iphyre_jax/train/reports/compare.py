@@ -159,7 +159,7 @@ def _colour(k: int) -> tuple[float, float, float, float]:
 
 
 def draw_curves(path: Path, agents: Sequence[Row]) -> None:
-    """Learning curves: mean over seeds of each round's reward against decisions, with the range of the seeds."""
+    """Learning curves: mean over seeds of each update's reward against decisions, with the range of the seeds."""
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for k, row in enumerate(agents):
