@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train.algos.advantage import advantages
-from iphyre_jax.train.algos.base import Algorithm, Metrics, forward, jitted
+from iphyre_jax.train.algos.base import Algorithm, Metrics, forward, global_norm, jitted
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.observations import slot_mask
@@ -159,7 +159,7 @@ class ActorCritic(Algorithm[S]):
         params, opt_state = carry
         gradient, metrics = jax.grad(loss, has_aux=True)(params, minibatch)
         changes, opt_state = self.optimizer.update(gradient, opt_state, params)
-        metrics["grad_norm"] = optax.global_norm(gradient)
+        metrics["grad_norm"] = global_norm(gradient)
         return (optax.apply_updates(params, changes), opt_state), metrics
 
     def minibatches(self, batch: Batch, key: jax.Array) -> Batch:

@@ -94,6 +94,11 @@ def without_value(action: jax.Array, raw_action: jax.Array) -> PolicyOutput:
     return PolicyOutput(action, raw_action, zero, zero)
 
 
+def global_norm(tree: Params) -> jax.Array:
+    """() Euclidean norm of all numbers of a tree of arrays (optax renamed its own between our versions of it)."""
+    return jnp.sqrt(sum((jnp.square(leaf).sum() for leaf in jax.tree.leaves(tree)), jnp.zeros(())))
+
+
 def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:
     """() mean of the values of weight 1; 0 if there are none."""
     return (values * weight).sum() / jnp.maximum(weight.sum(), 1.0)
