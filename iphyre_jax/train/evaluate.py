@@ -22,6 +22,7 @@ from iphyre_jax.train.settings.run import TrainConfig
 SCHEMA = "iphyre_jax/evaluation"
 VERSION = 3
 READABLE = (2, 3)  # version 2 has older names of settings, and the same games
+MEANS = ("reward", "success", "eliminations", "seconds")
 SEED_STREAM = 1  # folded into the run's seed, so that evaluation draws other numbers than training
 
 
@@ -84,13 +85,8 @@ class Evaluation:
 
 def _mean_score(scores: Sequence[Score]) -> Score:
     """Mean of scores with equal numbers of episodes."""
-    return Score(
-        reward=float(np.mean([score.reward for score in scores])),
-        success=float(np.mean([score.success for score in scores])),
-        eliminations=float(np.mean([score.eliminations for score in scores])),
-        seconds=float(np.mean([score.seconds for score in scores])),
-        episodes=sum(score.episodes for score in scores),
-    )
+    means: dict[str, Any] = {name: float(np.mean([getattr(score, name) for score in scores])) for name in MEANS}
+    return Score(**means, episodes=sum(score.episodes for score in scores))
 
 
 def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) -> Evaluation:
@@ -129,13 +125,8 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
 
 def _score(stats: EpisodeStats, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:
     """Mean over the chosen episodes."""
-    return Score(
-        reward=float(stats.reward[chosen].mean()),
-        success=float(stats.success[chosen].mean()),
-        eliminations=float(stats.eliminations[chosen].mean()),
-        seconds=float(stats.seconds[chosen].mean()),
-        episodes=int(chosen.sum()),
-    )
+    means: dict[str, Any] = {name: float(getattr(stats, name)[chosen].mean()) for name in MEANS}
+    return Score(**means, episodes=int(chosen.sum()))
 
 
 def _plans(config: TrainConfig, learner: State, games: Sequence[str]) -> list[tuple[float | None, ...]]:

@@ -46,140 +46,108 @@ class AgentSpec:
         return self.default if name == "default" else self.paper
 
 
-_FLY: Final[dict[str, Any]] = {
-    "observation": "motion",
-    "head": "categorical",
-    "hidden_sizes": (128, 128),
-    "episodes_per_scene": 32,
-}
-_CRITIC: Final[dict[str, Any]] = {"critic": True, "samples_per_update": 8192}
+_FLY: Final[dict[str, Any]] = {"observation": "motion", "head": "categorical", "hidden_sizes": (128, 128)}
+_CRITIC: Final[dict[str, Any]] = {"critic": True, "samples_per_update": 8192, "ent_coef": 0.003}
 _EXPLORING: Final[dict[str, Any]] = {"ent_coef": 0.15, "std_floor": 10.0}  # else it removes blocks that might stay
 _SMALL: Final[dict[str, Any]] = {"activation": "relu", "hidden_sizes": (128, 128), "episodes_per_scene": 32}
-_RLLIB_PPO: Final[dict[str, Any]] = {
+_SQUASHED: Final[dict[str, Any]] = {"activation": "relu", "head": "tanh_normal"}
+_RLLIB: Final[dict[str, Any]] = {"anneal_lr": False, "critic": True, "gamma": 0.99, "gae_lambda": 1.0}
+_RLLIB_A2C: Final[dict[str, Any]] = _RLLIB | {"max_grad_norm": 40.0, "normalize_advantage": "none"}
+_RLLIB_PPO: Final[dict[str, Any]] = _RLLIB | {
     "learning_rate": 1e-6,
-    "anneal_lr": False,
     "max_grad_norm": 1e9,
     "minibatches": 32,
     "epochs": 30,
     "clip_eps": 0.3,
     "ent_coef": 0.0,
-    "critic": True,
     "vf_coef": 1.0,
     "value_clip": 10.0 / 1000.0**2,
     "kl_coef": 0.2,
-    "gamma": 0.99,
-    "gae_lambda": 1.0,
     "normalize_advantage": "batch",
     "std_floor": 1e-6,
 }
-_RLLIB_A2C: Final[dict[str, Any]] = {
-    "anneal_lr": False,
-    "max_grad_norm": 40.0,
-    "critic": True,
-    "gamma": 0.99,
-    "gae_lambda": 1.0,
-    "normalize_advantage": "none",
-}
 _PAPER_SAC: Final[dict[str, Any]] = {"warmup": 1500, "alpha": 1e-3, "gamma": 0.99}
-_UNIFORM: Final[dict[str, Any]] = {"head": "uniform", "episodes_per_scene": 4}
-_RANDOM: Final[dict[str, Any]] = {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
+_PAPER_DDPG: Final = DDPG(
+    learning_rate=1e-3,
+    actor_lr=1e-3,
+    buffer_size=50_000,
+    gradient_steps=1000,
+    tau=0.002,
+    noise=0.1,
+    noise_end=0.002,
+    noise_updates=10,
+    random_updates=1,
+    gamma=0.99,
+)
+_PAPER_DQN: Final = DQN(
+    learning_rate=1e-6,
+    buffer_size=50_000,
+    batch_size=32,
+    gradient_steps=1000,
+    epsilon_updates=3,
+    gamma=0.99,
+    samples_per_update=4000,
+)
+_RANDOM: Final = {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
 
-_PPO = AgentSpec(
+
+def _run(learner: Settings, updates: int, episodes_per_scene: int, **others: object) -> dict[str, Any]:
+    """The fields that most presets set."""
+    return {"learner": learner, "updates": updates, "episodes_per_scene": episodes_per_scene, **others}
+
+
+_PPO: Final = AgentSpec(
     "PPO",
     PPO,
     default={
         "in-advance": {"learner": PPO()},
-        "combined": {"learner": PPO(samples_per_update=1024, epochs=8), "episodes_per_scene": 64, "updates": 50},
-        "on-the-fly": _FLY | {"learner": PPO(**_CRITIC, ent_coef=0.003)},
+        "combined": _run(PPO(samples_per_update=1024, epochs=8), 50, 64),
+        "on-the-fly": _run(PPO(**_CRITIC), 60, 32, **_FLY),
     },
     paper={
-        "in-advance": {
-            "head": "gaussian",
-            "episodes_per_scene": 400,
-            "updates": 200,
-            "learner": PPO(**_RLLIB_PPO),
-        },
-        "combined": {
-            "head": "gaussian",
-            "episodes_per_scene": 160,
-            "updates": 200,
-            "learner": PPO(**_RLLIB_PPO, samples_per_update=4096),
-        },
-        "on-the-fly": _UNIFORM | {"updates": 200, "learner": PPO(**_RLLIB_PPO, samples_per_update=4096)},
+        "in-advance": _run(PPO(**_RLLIB_PPO), 200, 400, head="gaussian"),
+        "combined": _run(PPO(**_RLLIB_PPO, samples_per_update=4096), 200, 160, head="gaussian"),
+        "on-the-fly": _run(PPO(**_RLLIB_PPO, samples_per_update=4096), 200, 4, head="uniform"),
     },
 )
-_A2C = AgentSpec(
+_A2C: Final = AgentSpec(
     "A2C",
     A2C,
     default={
-        "in-advance": {"learner": A2C(**_EXPLORING), "episodes_per_scene": 32, "updates": 300},
-        "combined": {
-            "learner": A2C(**_EXPLORING, samples_per_update=512),
-            "episodes_per_scene": 32,
-            "updates": 300,
-        },
-        "on-the-fly": _FLY | {"learner": A2C(**_CRITIC, ent_coef=0.003, minibatches=16), "updates": 40},
+        "in-advance": _run(A2C(**_EXPLORING), 300, 32),
+        "combined": _run(A2C(**_EXPLORING, samples_per_update=512), 300, 32),
+        "on-the-fly": _run(A2C(**_CRITIC, minibatches=16), 40, 32, **_FLY),
     },
     paper={
-        "in-advance": {
-            "head": "gaussian",
-            "episodes_per_scene": 50,
-            "updates": 852,
-            "learner": A2C(**_RLLIB_A2C, learning_rate=1e-5),
-        },
-        "combined": {
-            "head": "gaussian",
-            "episodes_per_scene": 20,
-            "updates": 1600,
-            "learner": A2C(**_RLLIB_A2C, samples_per_update=500, learning_rate=1e-5),
-        },
-        "on-the-fly": _UNIFORM
-        | {
-            "updates": 200,
-            "learner": A2C(**_RLLIB_A2C, minibatches=8, samples_per_update=4000, learning_rate=1e-6),
-        },
+        "in-advance": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5), 852, 50, head="gaussian"),
+        "combined": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5, samples_per_update=500), 1600, 20, head="gaussian"),
+        "on-the-fly": _run(
+            A2C(**_RLLIB_A2C, learning_rate=1e-6, minibatches=8, samples_per_update=4000), 200, 4, head="uniform"
+        ),
     },
 )
-_SAC = AgentSpec(
+_SAC: Final = AgentSpec(
     "SAC",
     SAC,
     plan_heads=("tanh_normal",),
     default={
         "in-advance": _SMALL | {"head": "tanh_normal", "learner": SAC(learning_rate=1e-3)},
         "combined": _SMALL | {"head": "tanh_normal", "updates": 100, "learner": SAC(learning_rate=1e-3)},
-        "on-the-fly": _FLY
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 8,
-            "updates": 40,
-            "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01),
-        },
+        "on-the-fly": _run(SAC(n_step=10, target_entropy=0.1, alpha=0.01), 40, 8, activation="relu", **_FLY),
     },
     paper={
-        "in-advance": {
-            "head": "tanh_normal",
-            "activation": "relu",
-            "episodes_per_scene": 10,
-            "updates": 570,
-            "learner": SAC(**_PAPER_SAC, gradient_steps=100, buffer_size=60_000),
-        },
-        "combined": {
-            "head": "tanh_normal",
-            "activation": "relu",
-            "episodes_per_scene": 10,
-            "updates": 320,
-            "learner": SAC(**_PAPER_SAC, gradient_steps=250, buffer_size=80_000),
-        },
-        "on-the-fly": _UNIFORM
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 2,
-            "updates": 32,
-            "learner": SAC(**_PAPER_SAC, gradient_steps=2500, target_entropy=1.9, buffer_size=80_000),
-        },
+        "in-advance": _run(SAC(**_PAPER_SAC, gradient_steps=100, buffer_size=60_000), 570, 10, **_SQUASHED),
+        "combined": _run(SAC(**_PAPER_SAC, gradient_steps=250, buffer_size=80_000), 320, 10, **_SQUASHED),
+        "on-the-fly": _run(
+            SAC(**_PAPER_SAC, gradient_steps=2500, target_entropy=1.9, buffer_size=80_000),
+            32,
+            2,
+            activation="relu",
+            head="uniform",
+        ),
     },
 )
-_DDPG = AgentSpec(
+_DDPG: Final = AgentSpec(
     "DDPG",
     DDPG,
     plan_heads=("deterministic",),
@@ -187,56 +155,20 @@ _DDPG = AgentSpec(
         "in-advance": _SMALL | {"head": "deterministic", "learner": DDPG(learning_rate=1e-3, noise_updates=40)},
     },
     paper={
-        "in-advance": {
-            "head": "deterministic",
-            "activation": "relu",
-            "hidden_sizes": (400, 300),
-            "episodes_per_scene": 100,
-            "updates": 800,
-            "learner": DDPG(
-                learning_rate=1e-3,
-                actor_lr=1e-3,
-                buffer_size=50_000,
-                gradient_steps=1000,
-                tau=0.002,
-                noise=0.1,
-                noise_end=0.002,
-                noise_updates=10,
-                random_updates=1,
-                gamma=0.99,
-            ),
-        },
+        "in-advance": _run(_PAPER_DDPG, 800, 100, head="deterministic", activation="relu", hidden_sizes=(400, 300)),
     },
 )
-_DQN = AgentSpec(
+_DQN: Final = AgentSpec(
     "DQN",
     DQN,
     default={
-        "on-the-fly": _FLY
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 8,
-            "learner": DQN(n_step=10, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25),
-            "updates": 40,
-        },
+        "on-the-fly": _run(
+            DQN(n_step=10, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25), 40, 8, activation="relu", **_FLY
+        ),
     },
-    paper={
-        "on-the-fly": _UNIFORM
-        | {
-            "updates": 200,
-            "learner": DQN(
-                learning_rate=1e-6,
-                buffer_size=50_000,
-                batch_size=32,
-                gradient_steps=1000,
-                epsilon_updates=3,
-                gamma=0.99,
-                samples_per_update=4000,
-            ),
-        },
-    },
+    paper={"on-the-fly": _run(_PAPER_DQN, 200, 4, head="uniform")},
 )
-_RANDOM_AGENT = AgentSpec(
+_RANDOM_AGENT: Final = AgentSpec(
     "Random",
     Random,
     default={

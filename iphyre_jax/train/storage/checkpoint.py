@@ -53,7 +53,7 @@ def save(run: Path, config: TrainConfig, state: RunState) -> Path:
         shutil.rmtree(left)
     partial = folder / f".{final.name}"
     with ocp.StandardCheckpointer() as checkpointer:
-        checkpointer.save((partial / STATE).absolute(), _named(_storable(state)))
+        checkpointer.save((partial / STATE).absolute(), named_arrays(_storable(state)))
     _write_manifest(partial, config, int(state.update))
     partial.rename(final)
     _sync(folder)
@@ -133,7 +133,7 @@ def _load(path: Path, config: TrainConfig) -> RunState:
     """Verify and read one checkpoint."""
     old = verify(path, config) == 1
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
-    expected = _named(like)
+    expected = named_arrays(like)
     with ocp.StandardCheckpointer() as checkpointer:
         stored = checkpointer.metadata((path / STATE).absolute()).item_metadata.tree
         stored_name = {old_names.array_path(name) if old else name: name for name in stored}
@@ -229,8 +229,8 @@ def _storable(state: RunState) -> RunState:
     return state._replace(key=jax.random.key_data(state.key))
 
 
-def _named(state: RunState) -> dict[str, Any]:
-    """Every array of the state by its path, "learner.params.policy..." and so on, in order."""
+def named_arrays(state: Any) -> dict[str, Any]:  # noqa: ANN401 - any tree of arrays
+    """Every array of a state by its path, "learner.params.policy..." and so on, in order."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
 

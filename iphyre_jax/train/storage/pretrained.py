@@ -33,7 +33,9 @@ from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.logs import replace_bytes, replace_text
+from iphyre_jax.train.storage.runs import read_json
 
 SCHEMA: Final = "iphyre_jax/pretrained"
 VERSION: Final = 2  # version 1 has the names of `old_names`
@@ -110,7 +112,7 @@ def save_pretrained(
         folder: to write into.
     """
     packed = io.BytesIO()
-    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in _named(state).items()})  # type: ignore[arg-type]
+    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in named_arrays(state).items()})  # type: ignore[arg-type]
     content = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -142,11 +144,8 @@ def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:
 
 def _description(file: Path) -> dict[str, Any]:
     """The content of NAME.json."""
-    try:
-        content = json.loads(file.read_text("utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{file}: not JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA or content.get("version") not in (1, VERSION):
+    content = read_json(file)
+    if content.get("schema") != SCHEMA or content.get("version") not in (1, VERSION):
         raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}')
     for key in ("settings", "sha256", "origin", "scores"):
         if key not in content:
@@ -160,12 +159,6 @@ def _stored(leaf: jax.Array) -> np.ndarray[Any, Any]:
     return array.astype(np.float16) if array.dtype.kind == "f" else array
 
 
-def _named(state: State) -> dict[str, jax.Array]:
-    """Every array of a state by its path, "params.policy..." and so on."""
-    leaves, _ = jax.tree_util.tree_flatten_with_path(state)
-    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
-
-
 def _state(config: TrainConfig, raw: bytes, source: Path, *, old: bool) -> State:
     """The state in NAME.npz, whose arrays may have old names.
 
@@ -173,7 +166,7 @@ def _state(config: TrainConfig, raw: bytes, source: Path, *, old: bool) -> State
         ValueError: one line naming `source`; its arrays are not those of the settings.
     """
     like = jax.eval_shape(lambda: algorithm(config).inference_state(init(config, jax.random.key(0))))
-    expected = _named(like)
+    expected = named_arrays(like)
     try:
         with np.load(io.BytesIO(raw), allow_pickle=False) as opened:
             arrays = {old_names.array_path(key) if old else key: opened[key] for key in opened.files}
