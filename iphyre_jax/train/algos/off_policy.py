@@ -37,11 +37,7 @@ class OffPolicyAlgorithm(Algorithm[S]):
 
     @abstractmethod
     def gradient_step(
-        self,
-        num_updates: jax.Array,
-        train_state: TrainState,
-        key: jax.Array,
-        batch: Transition,
+        self, num_updates: jax.Array, train_state: TrainState, key: jax.Array, batch: Transition
     ) -> tuple[TrainState, Metrics]:
         """One gradient step on a batch drawn from the buffer, with a random key of its own."""
 

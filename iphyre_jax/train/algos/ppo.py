@@ -62,14 +62,8 @@ class PPOAlgorithm(ActorCritic[PPO]):
         kl = masked_mean(ratio - 1.0 - log_ratio, batch.weight)  # unbiased and never negative
         total = policy_loss + settings.vf_coef * value_loss - ent_coef * entropy + kl_coef * kl
         clipped = masked_mean((jnp.abs(ratio - 1.0) > settings.clip_eps).astype(jnp.float32), batch.weight)
-        metrics = {
-            "policy_loss": policy_loss,
-            "value_loss": value_loss,
-            "entropy": entropy,
-            "kl": kl,
-            "clipped": clipped,
-        }
-        return total, metrics
+        metrics = {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": entropy, "kl": kl}
+        return total, {**metrics, "clipped": clipped}
 
     @jitted(0, 4)
     def learn(self, state: State, key: jax.Array, trajectory: Trajectory, num_scenes: int) -> tuple[State, Metrics]:

@@ -36,12 +36,7 @@ SETTINGS: Final = MappingProxyType(
 )
 VALUES: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
     {
-        "head": {
-            "slots": "time_grid",
-            "squashed": "tanh_normal",
-            "point": "deterministic",
-            "even": "uniform",
-        },
+        "head": {"slots": "time_grid", "squashed": "tanh_normal", "point": "deterministic", "even": "uniform"},
         "network": {"perceptron": "mlp"},
     }
 )

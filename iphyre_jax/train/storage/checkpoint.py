@@ -191,13 +191,7 @@ def verify(path: Path, config: TrainConfig) -> int:
 def _write_manifest(path: Path, config: TrainConfig, update: int) -> None:
     """Write what `verify` reads, and flush everything to the disk."""
     sums = {name: {"size": (path / name).stat().st_size, "sha256": _sum(path / name)} for name in _files(path)}
-    content = {
-        "format": FORMAT,
-        "update": update,
-        "settings": config.to_json(),
-        "versions": versions(),
-        "files": sums,
-    }
+    content = {"format": FORMAT, "update": update, "settings": config.to_json(), "versions": versions(), "files": sums}
     (path / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", "utf-8")
     (path / SUM).write_text(f"{_sum(path / MANIFEST)}\n", "utf-8")
     for entry in [*path.rglob("*"), path]:

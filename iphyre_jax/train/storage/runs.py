@@ -46,16 +46,9 @@ def create(path: Path, config: TrainConfig) -> None:
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ValueError(f"{path}: expected a new or empty folder for the run")
     path.mkdir(parents=True, exist_ok=True)
+    content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
-    content = {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "agent": config.agent_name,
-        "settings": config.to_json(),
-        "started": started,
-        **provenance(),
-    }
-    _write_json(path / CONFIG, content)
+    _write_json(path / CONFIG, {**content, "started": started, **provenance()})
 
 
 def read_config(path: Path) -> TrainConfig:
