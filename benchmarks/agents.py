@@ -2,8 +2,8 @@
 
     python -m benchmarks.agents --root build/results --out docs/results
 
-Each row is an agent, each seed a run folder under the root; a run that is there is resumed or, if it is evaluated,
-left as it is. The document is written again after each run and says what is still missing.
+Each row is an agent, each seed a run folder under the root. An interrupted run is resumed; an evaluated one is left as
+it is. The document is written again after each run and says what is still missing.
 """
 
 from __future__ import annotations
@@ -26,36 +26,37 @@ from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.reports import compare
-from iphyre_jax.train.reports.report import markdown_table, paper_name, paper_numbers
+from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.presets import PRESETS, preset
-from iphyre_jax.train.settings.run import PresetName, TrainConfig
+from iphyre_jax.train.settings.presets import AGENTS, PresetName
+from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import logs, runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
 
 SEEDS: Final = 5
 OFFICIAL: Final = (
-    "The official stack: 200 iterations of 4,000 episodes of 150 steps, at the 43.6 us that a step of it was measured "
-    "to take, are 5,200 s of simulation alone. Ours: everything counts, compilation too; not in the last column."
+    "The official stack: 200 iterations of 4,000 episodes of 150 steps, at a measured 43.6 us a step, take 5,200 s of "
+    "simulation alone. Ours: everything counts, compilation too (but not in the last column)."
 )
-PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points, to be reached as soon as can be
+PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points
 
 
 def rows(name: PresetName = "default") -> Mapping[str, TrainConfig]:
     """The rows by name: the twelve of the paper with a preset, then, with the default one, our own."""
     own = {"ppo-i-smooth": SMOOTH, "ppo-i-objects": OBJECTS} if name == "default" else {}
-    keys = [key for key in PRESETS[name] if key not in (("random", "in-advance"), ("random", "combined"))]
+    configs = [preset(agent, strategy, name) for agent, spec in AGENTS.items() for strategy in spec.strategies]
     suffix = "" if name == "default" else f"-{name}"
-    table = {paper_name(config).lower() + suffix: config for config in (preset(*key, name) for key in keys)}
+    # The random agent has one row: its last, on the fly.
+    table = {config.paper_name.lower() + suffix: config for config in configs}
     return MappingProxyType(table | own)
 
 
-SMOOTH: Final = replace(preset(), fps=60, resets=1, updates=150, learner=PPO(std_floor=150.0, entropy=0.03))
-# Made to carry over to scenes that it has not seen: what an object is counts, not its row, and no two rounds are alike.
+SMOOTH: Final = replace(preset(), fps=60, resets=1, updates=150, learner=PPO(std_floor=150.0, ent_coef=0.03))
+# Made for unseen scenes: what an object is counts, not its row, and every update has other scenes.
 OBJECTS: Final = replace(
     preset(),
     network="objects",
-    hidden=(64, 64),
+    hidden_sizes=(64, 64),
     variations=1000,
     episodes_per_scene=256,
     updates=320,
@@ -78,7 +79,7 @@ class Arguments:
     seeds: int = SEEDS
     """Seeds of each row."""
     weights: Path | None = None
-    """Folder for the weights of each row's best seed, once all seeds are there; by default they are not kept."""
+    """Folder for the weights of each row's best seed, once all seeds are evaluated; by default they are not kept."""
 
     @property
     def stem(self) -> str:
@@ -87,7 +88,7 @@ class Arguments:
 
 
 def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
-    """Train and evaluate one seed of a row, or what is left of it; whether anything was left.
+    """Train and evaluate one seed of a row, or what is left of it; returns whether anything was left.
 
     Raises:
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
@@ -97,23 +98,23 @@ def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
     if (folder / runs.CONFIG).is_file():
         if runs.read_config(folder) != config:
             raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
-        outcome = loop.resume(folder, console)
+        result = loop.resume(folder, console)
     else:
-        outcome = loop.train(config, folder, console)
-    if not outcome.finished:
+        result = loop.train(config, folder, console)
+    if not result.finished:
         raise KeyboardInterrupt
-    runs.write_evaluation(folder, config, evaluate(config, outcome.state.learner, PLAYED), int(outcome.state.update))
+    runs.write_evaluation(folder, config, evaluate(config, result.state.learner, PLAYED), int(result.state.update))
     return True
 
 
-def ship(arguments: Arguments, name: str) -> None:
-    """Write the weights of a row's best seed: best by the basic and unseen basic games, greedy, which are no test."""
+def export_best(arguments: Arguments, name: str) -> None:
+    """Write the weights of a row's best seed, by greedy reward on the basic and unseen basic games (no test games)."""
     folders = [arguments.root / name / f"seed-{seed}" for seed in range(arguments.seeds)]
     if arguments.weights is None or not all((folder / runs.EVALUATION).is_file() for folder in folders):
         return
     seeds = [compare.read(folder) for folder in folders]
-    judged = [float(np.mean(run.scores("greedy", "basic") + run.scores("greedy", "unseen_basic"))) for run in seeds]
-    best = int(np.argmax(judged))
+    rewards = [float(np.mean(run.scores("greedy", "basic") + run.scores("greedy", "unseen_basic"))) for run in seeds]
+    best = int(np.argmax(rewards))
     config, state = runs.load(folders[best])
     about = read_json_object(folders[best] / runs.CONFIG)
     origin = {
@@ -127,7 +128,7 @@ def ship(arguments: Arguments, name: str) -> None:
 def seconds_to_paper(run: compare.Evaluated) -> float | None:
     """Seconds until greedy plans first reach the paper's PPO-I on basic; None if they never do.
 
-    Playing, learning and measuring count, from the end of the first round, which compiles.
+    Playing, learning and measuring count, from the end of the first update, which compiles.
     """
     lines = logs.read(run.path)
     for line in lines:
@@ -136,14 +137,14 @@ def seconds_to_paper(run: compare.Evaluated) -> float | None:
     return None
 
 
-def _times(found: Sequence[compare.Row]) -> str:
+def _times(rows: Sequence[compare.Row]) -> str:
     """Wall time of each row, and time to the paper's PPO-I."""
     header = ["agent", "episodes", "decisions", "training, s (median)", f"s to {PAPER_BASIC:.1f} on basic (median)"]
     cells = []
-    for row in found:
+    for row in rows:
         last = [logs.read(seed.path)[-1] for seed in row.seeds]
         reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == OFFICIAL_FPS else [None]
-        known = [each for each in reached if each is not None]
+        known = [seconds for seconds in reached if seconds is not None]
         to_paper = f"{np.median(known):.1f} ({len(known)} of {len(reached)} seeds)" if known else "-"
         middle = [float(np.median([float(line[name]) for line in last])) for name in ("episodes", "decisions")]
         wall = f"{np.median([float(line['seconds']) for line in last]):.0f}"
@@ -151,11 +152,11 @@ def _times(found: Sequence[compare.Row]) -> str:
     return markdown_table(header, cells)
 
 
-def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str], out: Path, stem: str) -> str:
+def document(evaluated: Mapping[str, list[compare.Evaluated]], missing: Sequence[str], out: Path, stem: str) -> str:
     """The text of the document; draws its pictures."""
-    all_runs = [run for members in found.values() for run in members]
+    all_runs = [run for members in evaluated.values() for run in members]
     commits = {str(read_json_object(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
-    facts = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
+    origin = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
     parts = [
         "# Results",
         f"Written by `make {stem}`. Trained on the basic split only; everything else is zero shot. Greedy: one "
@@ -165,10 +166,10 @@ def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str
         f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
     ]
     for fps in (10, 60):
-        evaluated = [run for run in all_runs if run.config.fps == fps]
-        if not evaluated:
+        of_rate = [run for run in all_runs if run.config.fps == fps]
+        if not of_rate:
             continue
-        table = compare.rows(evaluated)
+        table = compare.rows(of_rate)
         parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time"]
         parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
         parts.append(_times(table))
@@ -176,18 +177,18 @@ def document(found: Mapping[str, list[compare.Evaluated]], missing: Sequence[str
             picture = out / f"{stem}-{name}-{fps}fps.png"
             draw(picture, table)
             parts.append(f"![{name} at {fps} fps]({picture.name})")
-    parts += ["## Origin", f"```json\n{facts}\n```"]
+    parts += ["## Origin", f"```json\n{origin}\n```"]
     return "\n\n".join(parts) + "\n"
 
 
-def _bars(path: Path, found: Sequence[compare.Row]) -> None:
-    compare.draw_bars(path, found, "sampled")
+def _bars(path: Path, rows: Sequence[compare.Row]) -> None:
+    compare.draw_bars(path, rows, "sampled")
 
 
-def _unseen(found: Sequence[compare.Row]) -> str:
+def _unseen(rows: Sequence[compare.Row]) -> str:
     """The ten unseen layouts of the basic games."""
     cells = []
-    for row in found:
+    for row in rows:
         values = [row.summary(kind, "unseen_basic") for kind in compare.KINDS]
         cells.append([row.name, *("-" if value is None else f"{value.mean:.1f}" for value in values)])
     return "### Unseen basic\n\n" + markdown_table(["agent", *compare.KINDS], cells)
@@ -207,22 +208,22 @@ def main(arguments: Arguments) -> None:
                 write(arguments, table)
     for name in arguments.only or table:
         if table[name].agent != "random":
-            ship(arguments, name)
+            export_best(arguments, name)
 
 
 def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
     """Write the document of what is there."""
-    found: dict[str, list[compare.Evaluated]] = {}
+    evaluated: dict[str, list[compare.Evaluated]] = {}
     missing = []
     for name in table:
         for seed in range(arguments.seeds):
             folder = arguments.root / name / f"seed-{seed}"
             if (folder / runs.EVALUATION).is_file():
-                found.setdefault(name, []).append(compare.read(folder))
+                evaluated.setdefault(name, []).append(compare.read(folder))
             else:
                 missing.append(f"{name} seed {seed}")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    text = document(found, missing, arguments.out, arguments.stem)
+    text = document(evaluated, missing, arguments.out, arguments.stem)
     replace_text(arguments.out / f"{arguments.stem}.md", text)
 
 

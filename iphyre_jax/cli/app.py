@@ -96,7 +96,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _parse(arguments: list[str]) -> Command:
     """Parse the command line; the defaults of `train` depend on the agent that the arguments name."""
-    default = train.defaults(arguments[1:]) if arguments[:1] == ["train"] else train.Train()
+    default = train.Train()
+    if arguments[:1] == ["train"]:
+        arguments = train.renamed(arguments)
+        default = train.defaults(arguments[1:])
     command: Command = tyro.cli(
         Annotated[train.Train, tyro.conf.subcommand("train", default=default)]
         | Annotated[train.Resume, tyro.conf.subcommand("resume")]

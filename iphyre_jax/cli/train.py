@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,20 +20,20 @@ from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.reports import compare
-from iphyre_jax.train.reports.report import COLUMNS, TITLES, agent_name, split_rows
-from iphyre_jax.train.settings.presets import preset
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
+from iphyre_jax.train.settings import old_names
+from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.train.trainer import RunState
 
-CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide what the other settings are by default
+CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide the defaults of the other settings
 
 
 @dataclass(frozen=True)
 class Train:
-    """Train an agent, evaluate it on the 40 games and leave a run folder.
+    """Train an agent, evaluate it on the 40 games and write a run folder.
 
-    --agent, --strategy and --preset decide the defaults of everything else; give them with --help to see those.
+    --agent, --strategy and --preset decide the other defaults; add --help to see them.
     """
 
     config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes, tyro.conf.AvoidSubcommands] = field(
@@ -46,12 +47,12 @@ class Train:
 
 @dataclass(frozen=True)
 class Resume:
-    """Go on with a run that was interrupted, to the same bits as if it had not been, and evaluate it."""
+    """Continue an interrupted run, to the same bits as an uninterrupted one, and evaluate it."""
 
     run: tyro.conf.Positional[Path]
     """The run folder."""
     checkpoint: str | None = None
-    """Name of the checkpoint to go on from; by default the newest."""
+    """Name of the checkpoint to continue from; by default the newest."""
     evaluate: bool = True
     """Play the 40 games at the end."""
 
@@ -60,7 +61,7 @@ class Resume:
 class Evaluate:
     """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md.
 
-    Or play a policy that ships with the package, whose scores must come out again; or score a file of plays.
+    Or play a policy of the package and compare with its shipped scores; or score a file of plays.
     """
 
     run: tyro.conf.Positional[Path]
@@ -73,7 +74,7 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare evaluated runs: seeds of one agent become one row, a mean with its spread over the seeds."""
+    """Compare evaluated runs: one row an agent, with mean and spread over its seeds."""
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
     """Run folders, all of one frame rate."""
@@ -87,7 +88,7 @@ TrainingCommand = Train | Resume | Evaluate | Compare
 
 
 def defaults(arguments: Sequence[str]) -> Train:
-    """What `train` does by default, given its arguments: the preset they name.
+    """The defaults of `train`, given its arguments: the preset that they name.
 
     Raises:
         ValueError: one line; there is no such agent, strategy or preset.
@@ -98,13 +99,22 @@ def defaults(arguments: Sequence[str]) -> Train:
         parser.add_argument(f"--{name}", default=getattr(base, name))
     try:
         known, _ = parser.parse_known_args(list(arguments))
-    except argparse.ArgumentError:  # an option without its value: the real parser says so
+    except argparse.ArgumentError:  # an option without its value: the real parser reports it
         return Train(base)
     return Train(preset(known.agent, known.strategy, known.preset))
 
 
+def renamed(arguments: Sequence[str]) -> list[str]:
+    """Arguments of `train` with present names; each old one gets a line on the standard error."""
+    present = old_names.options(arguments)
+    for old, new in zip(arguments, present, strict=True):
+        if old != new:
+            print(f"DeprecationWarning: {old} is now {new}; the next version drops the old name", file=sys.stderr)
+    return present
+
+
 def run(command: TrainingCommand, console: Console) -> int:
-    """Do what a training command asks and return the exit code.
+    """Run a training command and return the exit code.
 
     Raises:
         ValueError, OSError: one line.
@@ -129,16 +139,16 @@ def run(command: TrainingCommand, console: Console) -> int:
     return 0
 
 
-def _finish(outcome: loop.Outcome, console: Console, evaluated: bool) -> int:
-    """Evaluate a run that is finished, if so asked; say how to go on with one that is not."""
-    if not outcome.finished:
-        console.print(f"Saved in {outcome.folder}; `iphyre-jax resume {outcome.folder}` goes on,")
-        console.print(f"`iphyre-jax evaluate {outcome.folder}` evaluates it as it is.")
+def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> int:
+    """Evaluate a finished run, if asked to; say how to continue an unfinished one."""
+    if not result.finished:
+        console.print(f"Saved in {result.folder}; `iphyre-jax resume {result.folder}` continues it,")
+        console.print(f"`iphyre-jax evaluate {result.folder}` evaluates it as it is.")
         return INTERRUPTED
     if not evaluated:
         return 0
-    config = runs.read_config(outcome.folder)
-    _evaluate_and_report(outcome.folder, config, outcome.state, GAMES, console)
+    config = runs.read_config(result.folder)
+    _evaluate_and_report(result.folder, config, result.state, GAMES, console)
     return 0
 
 
@@ -154,7 +164,7 @@ def _evaluate_and_report(
 
 
 def _reproduce(name: str, console: Console) -> int:
-    """Play a policy of the package on its fifty games; 0 if all scores are those that it ships with."""
+    """Play a policy of the package on its fifty games; 0 if all scores equal the shipped ones."""
     policy = pretrained.load_pretrained(name)
     with console.status(f"evaluating on {len(pretrained.PLAYED)} games"):
         evaluation = evaluate(policy.config, policy.state, pretrained.PLAYED)
@@ -162,13 +172,13 @@ def _reproduce(name: str, console: Console) -> int:
     different = pretrained.differences(policy, evaluation)
     for line in different:
         console.print(line)
-    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores are not those that it ships with.")
+    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the shipped ones.")
     return 1 if different else 0
 
 
 def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console) -> None:
-    """The table by split, this run beside the paper's agents and humans."""
-    console.print(f"Mean reward and success: {agent_name(config)}")
+    """Print the table by split, this run beside the paper's agents and humans."""
+    console.print(f"Mean reward and success: {config.agent_name}")
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column()
     for split in COLUMNS:
@@ -182,4 +192,4 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
             score = evaluation.mean(kind, "unseen_basic")
             console.print(f"Unseen basic, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)")
     if evaluation.faults:
-        console.print(f"{evaluation.faults} episodes ended with an unsound world and count as not solved.")
+        console.print(f"The physics failed in {evaluation.faults} episodes; they count as not solved.")

@@ -1,10 +1,9 @@
-"""Playing episodes with a policy: whole ones, from the start to the end, side by side.
+"""Rollouts: a policy plays whole episodes side by side.
 
-Both ways take an `Act`, from random key, observations and the number of decisions for each to decisions, and return a
-`Trajectory`; an episode that is over before the last decision is no longer active.
+Both kinds of rollout take a `PolicyFn` and return a `Trajectory`, in which an episode is inactive after its end.
 
-Shapes: S scenes, P episodes of each, B = S x P episodes in the order scene by scene, T decisions at most, D numbers in
-an observation.
+Shapes: S scenes, P episodes of each, B = S x P episodes scene by scene, T decisions at most, D numbers in an
+observation.
 """
 
 from __future__ import annotations
@@ -27,35 +26,35 @@ from iphyre_jax.rules import FRAMES, episode_reward
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
 from iphyre_jax.train.settings.run import TrainConfig
 
-LOOK_EVERY = 10  # decisions between looks at whether everything is over, on the fly
+LOOK_EVERY = 10  # decisions between checks whether all episodes have ended
 DECISIONS = {"on-the-fly": FRAMES, "combined": MAX_ELIMINABLE + 1}  # at most; each combined one but the last removes
 
 
-class Decision(NamedTuple):
-    """What a policy decides for B observations."""
+class PolicyOutput(NamedTuple):
+    """A policy's answer to B observations."""
 
-    action: jax.Array  # (B, ...) as the environment takes it
-    choice: jax.Array  # (B, ...) as the learner keeps it
-    log_prob: jax.Array  # (B,) of the choice, 0 if the algorithm does not ask
-    value: jax.Array  # (B,) of the observation, 0 if the algorithm does not ask
+    action: jax.Array  # (B, ...) for the environment
+    raw_action: jax.Array  # (B, ...) for the learner: before squashing and clipping
+    log_prob: jax.Array  # (B,) of the raw action, 0 if the algorithm does not use it
+    value: jax.Array  # (B,) of the observation, 0 if the algorithm does not use it
 
 
-Act = Callable[[jax.Array, jax.Array, int], Decision]
+PolicyFn = Callable[[jax.Array, jax.Array, int], PolicyOutput]  # random key, observations, samples for each of them
 
 
 class Trajectory(NamedTuple):
     """B whole episodes, for the learner."""
 
-    observation: jax.Array  # (T + 1, B, D) float32; the last one is after the last decision
-    choice: jax.Array  # (T, B, ...)
+    obs: jax.Array  # (T + 1, B, D) float32; the last one follows the last decision
+    raw_action: jax.Array  # (T, B, ...)
     log_prob: jax.Array  # (T, B)
     value: jax.Array  # (T, B)
     reward: jax.Array  # (T, B) float32, points
     done: jax.Array  # (T, B) bool, the episode ended with this decision
-    active: jax.Array  # (T, B) bool, it was not over before
+    active: jax.Array  # (T, B) bool, it had not ended before
 
 
-class Played(NamedTuple):
+class EpisodeStats(NamedTuple):
     """How B episodes ended, NumPy arrays (B,)."""
 
     reward: npt.NDArray[np.float64]
@@ -65,52 +64,53 @@ class Played(NamedTuple):
     fault: npt.NDArray[np.integer[Any]]
 
 
-class Collector(Protocol):
-    """A way to play."""
+class RolloutCollector(Protocol):
+    """Plays some scenes."""
 
-    def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
-        """Play so many episodes of every scene."""
-
-
-def collector(config: TrainConfig, games: Sequence[str | Scene]) -> Collector:
-    """The way to play some games, or scenes of one's own, under a configuration's strategy."""
-    if config.strategy == "in-advance":
-        return Plans(config, games)
-    return Worlds(config, games)
+    def collect(self, policy: PolicyFn, key: jax.Array, episodes: int) -> tuple[Trajectory, EpisodeStats]:
+        """Play `episodes` episodes of every scene."""
 
 
-class Plans:
-    """In advance: one decision an episode, played on the host by `env.play_plans`, on all cores."""
+def rollout_collector(config: TrainConfig, games: Sequence[str | Scene]) -> RolloutCollector:
+    """The rollout of a configuration's strategy, for games by name or scenes of one's own."""
+    return PlanRollout(config, games) if config.strategy == "in-advance" else StepRollout(config, games)
+
+
+class PlanRollout:
+    """In advance: one decision an episode; the host plays the plans on all cores."""
 
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._config = config
         self._scenes = tuple(load_scene(scene) for scene in scenes)
         self._table = observation_table(self._scenes)
 
-    def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
-        """See `Collector`."""
+    def collect(self, policy: PolicyFn, key: jax.Array, episodes: int) -> tuple[Trajectory, EpisodeStats]:
+        """See `RolloutCollector`."""
         config = self._config
         which = np.repeat(np.arange(len(self._scenes)), episodes)
-        decision = act(key, jnp.asarray(self._table), episodes)
-        actions = np.asarray(decision.action)
+        output = policy(key, jnp.asarray(self._table), episodes)
+        actions = np.asarray(output.action)
         played = play_plans(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
-        seen, always = jnp.asarray(self._table[which]), jnp.ones((1, len(which)), bool)
+        obs, always = jnp.asarray(self._table[which]), jnp.ones((1, len(which)), bool)
+        reward = jnp.asarray(played.reward[None], jnp.float32)
         trajectory = Trajectory(
-            observation=jnp.stack([seen, seen]),
-            choice=decision.choice[None],
-            log_prob=decision.log_prob[None],
-            value=decision.value[None],
-            reward=jnp.asarray(played.reward[None], jnp.float32),
+            jnp.stack([obs, obs]),
+            output.raw_action[None],
+            output.log_prob[None],
+            output.value[None],
+            reward,
             done=always,
             active=always,
         )
-        return trajectory, Played(
-            played.reward, played.success, played.eliminations, played.steps / config.fps, played.fault
-        )
+        seconds = played.steps / config.fps
+        return trajectory, EpisodeStats(played.reward, played.success, played.eliminations, seconds, played.fault)
 
 
-class Worlds:
-    """On the fly and combined: decision after decision, in an environment over all of the scenes."""
+class StepRollout:
+    """On the fly and combined: decision after decision, in an environment over all of the scenes.
+
+    The policy stands between the steps, outside the compiled program of the physics: all agents share that program.
+    """
 
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._scenes = tuple(load_scene(scene) for scene in scenes)
@@ -125,28 +125,27 @@ class Worlds:
             autoreset=False,
         )
 
-    def collect(self, act: Act, key: jax.Array, episodes: int) -> tuple[Trajectory, Played]:
-        """See `Collector`."""
+    def collect(self, policy: PolicyFn, key: jax.Array, episodes: int) -> tuple[Trajectory, EpisodeStats]:
+        """See `RolloutCollector`."""
         environment, params = self._environment, self._params
         games = jnp.repeat(jnp.arange(len(self._scenes), dtype=jnp.int32), episodes)
-        now, state = _begin(environment, games, params)
-        over = jnp.zeros(len(games), bool)
+        next_obs, state = _reset(environment, games, params)
+        active = jnp.ones(len(games), bool)
         steps: list[tuple[jax.Array, ...]] = []
         most = DECISIONS[environment.strategy.name]
         info: Info = {}
         for k in range(most):
-            decision = act(jax.random.fold_in(key, k), now, 1)
-            before = now
-            (now, reward, done, info), state = _step(environment, state, decision.action, params)
-            steps.append((before, decision.choice, decision.log_prob, decision.value, reward, done & ~over, ~over))
-            over = over | done
-            if k % LOOK_EVERY == LOOK_EVERY - 1 and bool(over.all()):
+            obs, output = next_obs, policy(jax.random.fold_in(key, k), next_obs, 1)
+            (next_obs, reward, done, info), state = _step(environment, state, output.action, params)
+            steps.append((obs, *output[1:], reward, done & active, active))
+            active = active & ~done
+            if k % LOOK_EVERY == LOOK_EVERY - 1 and not bool(active.any()):
                 break
-        return _stacked(steps, now, most), _ended(info, environment.protocol.fps)
+        return _stacked(steps, next_obs, most), _stats(info, environment.protocol.fps)
 
 
 @partial(jax.jit, static_argnums=0)
-def _begin(environment: Environment, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+def _reset(environment: Environment, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
     """Begin an episode in every world."""
     return jax.vmap(environment.reset_to, in_axes=(0, None))(game, params)
 
@@ -155,26 +154,26 @@ def _begin(environment: Environment, game: jax.Array, params: EnvParams) -> tupl
 def _step(
     environment: Environment, state: EnvState, action: jax.Array, params: EnvParams
 ) -> tuple[tuple[jax.Array, jax.Array, jax.Array, Info], EnvState]:
-    """Play one decision in every world: observation, reward, whether the episode is over, info; and the state."""
+    """Play one decision in every world: observation, reward, whether the episode is done, info; and the state."""
     keys = jax.random.split(jax.random.key(0), action.shape[0])  # not used: nothing is reset
-    seen, state, reward, terminated, truncated, info = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(
+    obs, state, reward, terminated, truncated, info = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(
         keys, state, action, params
     )
-    return (seen, reward, terminated | truncated, info), state
+    return (obs, reward, terminated | truncated, info), state
 
 
-def _stacked(steps: Sequence[tuple[jax.Array, ...]], last: jax.Array, decisions: int) -> Trajectory:
-    """Put decisions one after the other, and behind them inactive ones up to the most that there can be."""
+def _stacked(steps: Sequence[tuple[jax.Array, ...]], last_obs: jax.Array, decisions: int) -> Trajectory:
+    """Stack the decisions and pad them with inactive ones to the most that there can be."""
     missing = decisions - len(steps)
     columns = [jnp.stack(column) for column in zip(*steps, strict=True)]
-    seen = jnp.concatenate([columns[0], jnp.repeat(last[None], missing + 1, axis=0)])
+    obs = jnp.concatenate([columns[0], jnp.repeat(last_obs[None], missing + 1, axis=0)])
     rest = [jnp.pad(column, [(0, missing)] + [(0, 0)] * (column.ndim - 1)) for column in columns[1:]]
-    return Trajectory(seen, *rest)
+    return Trajectory(obs, *rest)
 
 
-def _ended(info: Info, fps: int) -> Played:
-    """Return the counts of whole episodes as NumPy arrays."""
+def _stats(info: Info, fps: int) -> EpisodeStats:
+    """How whole episodes ended, from their last info."""
     last = {name: np.asarray(value) for name, value in info.items()}
-    made = np.rint(last["time"] * fps).astype(np.int64)
-    reward = episode_reward(last["success"], last["eliminations"], made, fps)
-    return Played(reward, last["success"], last["eliminations"], made / fps, last["fault"])
+    steps = np.rint(last["time"] * fps).astype(np.int64)
+    reward = episode_reward(last["success"], last["eliminations"], steps, fps)
+    return EpisodeStats(reward, last["success"], last["eliminations"], steps / fps, last["fault"])

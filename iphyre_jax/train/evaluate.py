@@ -1,4 +1,4 @@
-"""Playing games with a trained policy, greedily and with sampled actions."""
+"""Evaluation: a trained policy plays games, greedily and with sampled actions."""
 
 from __future__ import annotations
 
@@ -13,19 +13,22 @@ import numpy as np
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.algos.registry import State, algorithm
-from iphyre_jax.train.collect import Decision, Played, collector
+from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.run import TrainConfig
 
 SCHEMA = "iphyre_jax/evaluation"
-VERSION = 2
-SEED_STREAM = 1  # folded into the run's seed: evaluation draws other numbers than training
+VERSION = 3
+READABLE = (2, 3)  # version 2 has older names of settings, and the same games
+MEANS = ("reward", "success", "eliminations", "seconds")
+SEED_STREAM = 1  # folded into the run's seed, so that evaluation draws other numbers than training
 
 
 @dataclass(frozen=True)
 class Score:
-    """Mean outcome of some episodes."""
+    """Means over some episodes."""
 
     reward: float
     """Mean reward."""
@@ -40,23 +43,23 @@ class Score:
 
 @dataclass(frozen=True)
 class GameScore:
-    """What a policy attained in one game."""
+    """A policy's scores in one game."""
 
     game: str
     split: str
     greedy: Score
     sampled: Score
     plan: tuple[float | None, ...]
-    """In advance: greedy elimination time of each eliminable block, s; None: it stays. Else empty."""
+    """In advance: greedy elimination time of each eliminable block, s, or None if it stays. Else empty."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a policy attained in many games."""
+    """A policy's scores in many games."""
 
     games: tuple[GameScore, ...]
     faults: int
-    """Episodes whose world was reported as unsound; they count as not solved."""
+    """Episodes whose physics failed; they count as not solved."""
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -82,67 +85,57 @@ class Evaluation:
 
 def _mean_score(scores: Sequence[Score]) -> Score:
     """Mean of scores with equal numbers of episodes."""
-    return Score(
-        reward=float(np.mean([score.reward for score in scores])),
-        success=float(np.mean([score.success for score in scores])),
-        eliminations=float(np.mean([score.eliminations for score in scores])),
-        seconds=float(np.mean([score.seconds for score in scores])),
-        episodes=sum(score.episodes for score in scores),
-    )
+    means: dict[str, Any] = {name: float(np.mean([getattr(score, name) for score in scores])) for name in MEANS}
+    return Score(**means, episodes=sum(score.episodes for score in scores))
 
 
 def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) -> Evaluation:
-    """Play every game once greedily and `config.sampled_episodes` times as the agent plays to learn.
+    """Play every game once greedily and `config.sampled_episodes` times with sampled actions.
 
     Args:
-        config: of the run; its strategy, rate, resets, type and seed are used.
+        config: of the run; it gives strategy, rate, resets, type and seed.
         learner: state of its algorithm.
         games: names of games of the package.
     """
-    chosen, episodes = algorithm(config), 1 + config.sampled_episodes
+    agent, episodes = algorithm(config), 1 + config.sampled_episodes
     first = np.arange(len(games) * episodes) % episodes == 0
 
-    def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
-        sampled = chosen.act(config, learner, key, observation, each)
-        best = jnp.repeat(chosen.greedy(config, learner, observation), each, axis=0)
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        sampled = agent.sample_action(learner, key, obs, num_samples)
+        best = jnp.repeat(agent.greedy(learner, obs), num_samples, axis=0)
         is_greedy = jnp.asarray(first.reshape(-1, *(1,) * (best.ndim - 1)))
         return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
 
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
-    played = collector(config, games).collect(act, key, episodes)[1]
+    stats = rollout_collector(config, games).collect(policy, key, episodes)[1]
     split_of = {game: split for split, names in SPLITS.items() for game in names}
     which, plans = np.repeat(np.arange(len(games)), episodes), _plans(config, learner, games)
     scores = tuple(
         GameScore(
             game=game,
             split=split_of[game],
-            greedy=_score(played, (which == index) & first),
-            sampled=_score(played, (which == index) & ~first),
+            greedy=_score(stats, (which == index) & first),
+            sampled=_score(stats, (which == index) & ~first),
             plan=plans[index],
         )
         for index, game in enumerate(games)
     )
-    return Evaluation(scores, int((played.fault != 0).sum()))
+    return Evaluation(scores, int((stats.fault != 0).sum()))
 
 
-def _score(played: Played, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:
+def _score(stats: EpisodeStats, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:
     """Mean over the chosen episodes."""
-    return Score(
-        reward=float(played.reward[chosen].mean()),
-        success=float(played.success[chosen].mean()),
-        eliminations=float(played.eliminations[chosen].mean()),
-        seconds=float(played.seconds[chosen].mean()),
-        episodes=int(chosen.sum()),
-    )
+    means: dict[str, Any] = {name: float(getattr(stats, name)[chosen].mean()) for name in MEANS}
+    return Score(**means, episodes=int(chosen.sum()))
 
 
 def _plans(config: TrainConfig, learner: State, games: Sequence[str]) -> list[tuple[float | None, ...]]:
-    """Seconds of the greedy plan of each game's blocks, None for one that stays; nothing unless in advance."""
+    """Greedy elimination times of each game's blocks, s, None for one that stays; empty unless in advance."""
     if config.strategy != "in-advance":
         return [()] * len(games)
-    seen = jnp.asarray(observation_table(games))
-    times = action_to_times(np.asarray(algorithm(config).greedy(config, learner, seen)))
-    steps, blocks = plan_to_steps(times, config.fps, "in_advance"), np.asarray(slot_mask(seen)).sum(axis=1)
+    obs = jnp.asarray(observation_table(games))
+    times = action_to_times(np.asarray(algorithm(config).greedy(learner, obs)))
+    steps, blocks = plan_to_steps(times, config.fps, "in_advance"), np.asarray(slot_mask(obs)).sum(axis=1)
     return [
         tuple(None if step < 0 else step / config.fps for step in row[:count].tolist())
         for row, count in zip(steps, blocks, strict=True)

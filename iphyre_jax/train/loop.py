@@ -1,4 +1,4 @@
-"""The training run: rounds, logs, checkpoints, progress. Killed at any moment, it can be resumed to the same bits."""
+"""The training run: updates, logs, checkpoints, progress. A run killed at any moment resumes to the same bits."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.logs import Log
-from iphyre_jax.train.trainer import Line, RunState, Trainer
+from iphyre_jax.train.trainer import Metrics, RunState, Trainer
 
 
-class Outcome(NamedTuple):
-    """What a training run ends with."""
+class TrainingResult(NamedTuple):
+    """How a training run ended."""
 
     folder: Path
     state: RunState
     finished: bool  # False if it was interrupted
 
 
-def train(config: TrainConfig, folder: Path, console: Console) -> Outcome:
+def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult:
     """Train a policy and write its run folder.
 
-    An interrupt (Ctrl-C) ends the training after what was learned so far; the folder then holds the
-    checkpoint, the metrics and the curve of that.
+    An interrupt (Ctrl-C) ends the training early; the folder then holds the checkpoint, the metrics and the curve up
+    to that point.
 
     Args:
         config: all settings.
@@ -45,16 +45,17 @@ def train(config: TrainConfig, folder: Path, console: Console) -> Outcome:
     """
     runs.create(folder, config)
     console.print(f"Run folder: {folder}")
-    return _go_on(config, folder, trainer.start(config), console)
+    return _continue(config, folder, trainer.start(config), console)
 
 
-def resume(folder: Path, console: Console, name: str | None = None) -> Outcome:
-    """Go on with an interrupted run from a checkpoint, the newest by default; without any, from the start.
+def resume(folder: Path, console: Console, name: str | None = None) -> TrainingResult:
+    """Continue an interrupted run from a checkpoint, by default the newest; if there is none, from the start.
 
-    Lines of metrics.csv after the checkpoint are written again, the same but for the columns of the clock.
+    Lines of metrics.csv after the checkpoint are written again; only the timing columns differ.
 
     Raises:
-        FileNotFoundError, ValueError: one line; it is no run folder, or the checkpoint is damaged or of other versions.
+        FileNotFoundError, ValueError: one line; the folder is no run, or the checkpoint is damaged or from other
+            versions of the packages.
     """
     config = runs.read_config(folder)
     if name is None and not checkpoint.names(folder):
@@ -62,15 +63,15 @@ def resume(folder: Path, console: Console, name: str | None = None) -> Outcome:
     else:
         state = checkpoint.load(folder, config, name, to_resume=True)
     for later in checkpoint.names(folder):
-        if int(later) > int(state.update):  # damaged, or it would not have been passed over
+        if int(later) > int(state.update):  # damaged, else it would have been chosen
             checkpoint.remove(folder, later)
-    console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} rounds made")
-    return _go_on(config, folder, state, console)
+    console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
+    return _continue(config, folder, state, console)
 
 
-def _go_on(config: TrainConfig, folder: Path, state: RunState, console: Console) -> Outcome:
-    """Make the rounds that are left."""
-    runner = Trainer(config, state)
+def _continue(config: TrainConfig, folder: Path, state: RunState, console: Console) -> TrainingResult:
+    """Make the updates that are left."""
+    trained = Trainer(config, state)
     log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
     finished, saved = False, time.monotonic()
     try:
@@ -78,25 +79,25 @@ def _go_on(config: TrainConfig, folder: Path, state: RunState, console: Console)
             status = "compiling the physics of the games"
             task = progress.add_task("train", total=config.updates, completed=int(state.update), status=status)
             for _ in range(int(state.update), config.updates):
-                line = runner.round()
-                log.add(line)
-                progress.update(task, advance=1, status=_status(line, config))
+                metrics = trained.update_step()
+                log.add(metrics)
+                progress.update(task, advance=1, status=_status(metrics, config))
                 if time.monotonic() - saved >= config.checkpoint_seconds:
-                    checkpoint.save(folder, config, runner.state)
+                    checkpoint.save(folder, config, trained.state)
                     saved = time.monotonic()
         finished = True
     except KeyboardInterrupt:
-        console.print("Interrupted; saving what was learned.")
+        console.print("Interrupted; saving the run.")
     finally:
         with _uninterrupted():
-            checkpoint.save(folder, config, runner.state)
+            checkpoint.save(folder, config, trained.state)
             log.close()
             draw_curve(folder, config)
-    return Outcome(folder, runner.state, finished)
+    return TrainingResult(folder, trained.state, finished)
 
 
 def _progress(console: Console) -> Progress:
-    """The progress bar: rounds, time, rate and current reward."""
+    """The progress bar: updates, time, rate and current reward."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=None),
@@ -109,15 +110,15 @@ def _progress(console: Console) -> Progress:
     )
 
 
-def _status(line: Line, config: TrainConfig) -> str:
-    """Rate and reward of a round, for the progress bar."""
-    rate = config.episodes_per_update / ((line["play_seconds"] or 0.0) + (line["learn_seconds"] or 0.0))
-    return f"{rate:,.0f} episodes/s  reward {line['reward']:.1f}"
+def _status(metrics: Metrics, config: TrainConfig) -> str:
+    """Rate and reward of an update, for the progress bar."""
+    rate = config.episodes_per_update / ((metrics["play_seconds"] or 0.0) + (metrics["learn_seconds"] or 0.0))
+    return f"{rate:,.0f} episodes/s  reward {metrics['reward']:.1f}"
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Put off Ctrl-C while a run is being saved (it can only be put off in the main thread)."""
+    """Ignore Ctrl-C while a run is being saved (only the main thread can)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

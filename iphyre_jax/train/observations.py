@@ -1,4 +1,4 @@
-"""Parts of an observation, by its size: the official one, with or without a no-op candidate, with or without motion."""
+"""The parts of an observation. Its size says whether it has a no-op candidate and motion."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
 SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE
 
-# Size of an observation -> where the candidates of the slots begin; on the fly the no-op's pair stands before them.
+# Size of an observation -> where the candidates of the slots begin; on the fly, after the pair of the no-op.
 _CANDIDATES: Final[Mapping[int, int]] = MappingProxyType(
     {ROWS_SIZE + no_op + SLOTS_SIZE + motion: ROWS_SIZE + no_op for no_op in (0, 2) for motion in (0, MOTION_SIZE)}
 )
 
 
 class Parts(NamedTuple):
-    """An observation taken apart."""
+    """The parts of an observation."""
 
     rows: jax.Array  # (..., 12, 9) the official table
     candidates: jax.Array  # (..., 6, 2) centres of the slots' blocks at the start, 0 for a slot without one
     motion: jax.Array  # (..., 37) velocities and time, or (..., 0)
 
 
-def parts(observation: jax.Array) -> Parts:
-    """Take observations (..., D) apart."""
-    start = _CANDIDATES[observation.shape[-1]]
-    before = observation.shape[:-1]
-    rows = observation[..., :ROWS_SIZE].reshape(*before, MAX_OBJECTS, -1)
-    candidates = observation[..., start : start + SLOTS_SIZE].reshape(*before, MAX_ELIMINABLE, 2)
-    return Parts(rows, candidates, observation[..., start + SLOTS_SIZE :])
+def parts(obs: jax.Array) -> Parts:
+    """Split observations (..., D) into their parts."""
+    start = _CANDIDATES[obs.shape[-1]]
+    before = obs.shape[:-1]
+    rows = obs[..., :ROWS_SIZE].reshape(*before, MAX_OBJECTS, -1)
+    candidates = obs[..., start : start + SLOTS_SIZE].reshape(*before, MAX_ELIMINABLE, 2)
+    return Parts(rows, candidates, obs[..., start + SLOTS_SIZE :])
 
 
-def slot_mask(observation: jax.Array) -> jax.Array:
+def slot_mask(obs: jax.Array) -> jax.Array:
     """(..., 6) bool: the slots that stand for a block of the scene, removed or not."""
-    return parts(observation).candidates.any(axis=-1)
+    return parts(obs).candidates.any(axis=-1)
 
 
 def start_observations(strategy: StrategyName, observation: str, scenes: Sequence[str | Scene]) -> jax.Array:
-    """(S, D) float32: what each of S scenes looks like to a strategy at the start; time and no-op are 0."""
+    """(S, D) float32: the first observation of each of S scenes under a strategy; time and no-op are 0."""
     table = observation_table(scenes)
     rows, candidates = table[:, :ROWS_SIZE], table[:, ROWS_SIZE:]
     no_op = np.zeros((len(table), 2 if STRATEGIES[strategy].no_op_candidate else 0), np.float32)

@@ -1,4 +1,4 @@
-"""One round of training: play, learn, report. Pure but for the clock: the same state gives the same round."""
+"""One update of training: play, learn, report. Pure but for the clock: the same state gives the same update."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import jax
 import numpy as np
 
 from iphyre_jax.train.algos.registry import algorithm, init
-from iphyre_jax.train.collect import Decision, collector
+from iphyre_jax.train.collect import PolicyOutput, rollout_collector
 from iphyre_jax.train.scenes import training_scenes
 from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("update", "episodes", "decisions", "reward", "success", "greedy_reward", "faults")
-CLOCKS = ("seconds", "play_seconds", "learn_seconds")  # the only columns that differ between runs of one seed
+TIMING_COLUMNS = ("seconds", "play_seconds", "learn_seconds")  # all that differs between two runs of one seed
 
 
 class RunState(NamedTuple):
-    """All that a round changes, and all that a checkpoint keeps."""
+    """All that an update changes, and all that a checkpoint keeps."""
 
     learner: Any  # of the algorithm
-    key: jax.Array  # random key of the rounds to come
-    update: np.ndarray[Any, np.dtype[np.int32]]  # () rounds made
-    decisions: np.ndarray[Any, np.dtype[np.int32]]  # () made by episodes that were not over
+    key: jax.Array  # random key of the updates to come
+    update: np.ndarray[Any, np.dtype[np.int32]]  # () updates made
+    decisions: np.ndarray[Any, np.dtype[np.int32]]  # () made so far by episodes that had not ended
 
 
-Line = dict[str, int | float | None]  # of metrics.csv
+Metrics = dict[str, int | float | None]  # a line of metrics.csv
 
 
 def start(config: TrainConfig) -> RunState:
-    """The state before the first round.
+    """The state before the first update.
 
     Raises:
         ValueError: one line; a setting cannot work.
@@ -43,48 +43,47 @@ def start(config: TrainConfig) -> RunState:
 
 def columns(config: TrainConfig) -> tuple[str, ...]:
     """The columns of metrics.csv for a configuration's algorithm."""
-    return (*COLUMNS, *algorithm(config).METRICS, *CLOCKS)
+    return (*COLUMNS, *algorithm(config).METRICS, *TIMING_COLUMNS)
 
 
 class Trainer:
-    """Plays and learns round by round.
+    """Plays and learns, update by update.
 
     Attributes:
-        state: of the run; always whole, whenever an interrupt comes.
+        state: of the run; complete at any moment, even when an interrupt comes.
     """
 
     def __init__(self, config: TrainConfig, state: RunState) -> None:
         self.state = state
         self._config = config
         self._algorithm = algorithm(config)
-        self._games = collector(config, config.training_games)
+        self._games = rollout_collector(config, config.training_games)
         self._begun = time.monotonic()
 
-    def round(self) -> Line:
-        """Play and learn once; returns the round's line of metrics."""
+    def update_step(self) -> Metrics:
+        """Play and learn once; returns the metrics of the update."""
         config, state, begin = self._config, self.state, time.monotonic()
         update = int(state.update) + 1
         key, play_key, learn_key = jax.random.split(state.key, 3)
         scenes, episodes = training_scenes(config, update)
-        place = collector(config, scenes) if config.variations else self._games
-        act = partial(self._algorithm.act, config, state.learner)
-        trajectory, played = place.collect(act, play_key, episodes)
-        made = int(trajectory.active.sum())
+        rollout = rollout_collector(config, scenes) if config.variations else self._games
+        trajectory, stats = rollout.collect(partial(self._algorithm.sample_action, state.learner), play_key, episodes)
+        decisions = state.decisions + int(trajectory.active.sum())
         measured = update % config.greedy_every == 0 or update in (1, config.updates)
         greedy = self.greedy_reward() if measured else None
         learning = time.monotonic()
-        learner, metrics = self._algorithm.learn(config, state.learner, learn_key, trajectory, len(scenes))
+        learner, metrics = self._algorithm.learn(state.learner, learn_key, trajectory, len(scenes))
         learner, metrics = jax.block_until_ready((learner, metrics))
-        self.state = RunState(learner, key, state.update + 1, state.decisions + made)
+        self.state = RunState(learner, key, state.update + 1, decisions)
         end = time.monotonic()
         return {
             "update": update,
             "episodes": update * config.episodes_per_update,
-            "decisions": int(self.state.decisions),
-            "reward": float(played.reward.mean()),
-            "success": float(played.success.mean()),
+            "decisions": int(decisions),
+            "reward": float(stats.reward.mean()),
+            "success": float(stats.success.mean()),
             "greedy_reward": greedy,
-            "faults": int((played.fault != 0).sum()),
+            "faults": int((stats.fault != 0).sum()),
             **{name: float(metrics[name]) for name in self._algorithm.METRICS},
             "seconds": end - self._begun,
             "play_seconds": learning - begin,
@@ -92,11 +91,11 @@ class Trainer:
         }
 
     def greedy_reward(self) -> float:
-        """Mean reward of greedy episodes, one of each training game, with what was learned so far."""
+        """Mean reward of the present policy's greedy episodes, one of each training game."""
         learner = self.state.learner
 
-        def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
-            sampled = self._algorithm.act(self._config, learner, key, observation, each)
-            return sampled._replace(action=self._algorithm.greedy(self._config, learner, observation))
+        def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+            sampled = self._algorithm.sample_action(learner, key, obs, num_samples)
+            return sampled._replace(action=self._algorithm.greedy(learner, obs))
 
-        return float(self._games.collect(act, jax.random.key(0), 1)[1].reward.mean())
+        return float(self._games.collect(policy, jax.random.key(0), 1)[1].reward.mean())

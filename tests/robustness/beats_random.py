@@ -9,11 +9,11 @@ from dataclasses import replace
 from iphyre_jax import configure
 from iphyre_jax.train import trainer
 from iphyre_jax.train.evaluate import evaluate
-from iphyre_jax.train.settings.presets import preset
-from iphyre_jax.train.settings.run import AGENTS
+from iphyre_jax.train.settings.presets import AGENTS
+from iphyre_jax.train.settings.run import preset
 
 GAMES = ("support", "direction")
-SECONDS = 60.0  # of playing and learning, without the first round, which compiles
+SECONDS = 60.0  # of playing and learning, without the first update, which compiles
 MARGIN = 50.0  # points of mean reward of sampled episodes
 
 
@@ -24,15 +24,15 @@ def main() -> int:
     for strategy in ("in-advance", "combined", "on-the-fly"):
         chance = preset("random", strategy)
         random = evaluate(replace(chance, sampled_episodes=200), trainer.start(chance).learner, GAMES).mean("sampled")
-        for agent in (name for name, strategies in AGENTS.items() if strategy in strategies and name != "random"):
+        for agent in (name for name, spec in AGENTS.items() if strategy in spec.strategies and name != "random"):
             config = replace(preset(agent, strategy), games=GAMES)
             runner = trainer.Trainer(config, trainer.start(config))
-            runner.round()
+            runner.update_step()
             begun = time.monotonic()
             for _ in range(1, config.updates):
                 if time.monotonic() - begun > SECONDS:
                     break
-                runner.round()
+                runner.update_step()
             took = time.monotonic() - begun
             found = evaluate(config, runner.state.learner, GAMES).mean("sampled")
             fine = found.reward > random.reward + MARGIN

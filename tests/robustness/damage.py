@@ -19,7 +19,7 @@ from iphyre_jax.train.storage import checkpoint, runs
 TIMES = 200
 CONFIG = TrainConfig(
     games=("support", "hole"),
-    hidden=(16,),
+    hidden_sizes=(16,),
     updates=2,
     episodes_per_scene=8,
     checkpoint_seconds=0.0,
@@ -54,7 +54,7 @@ def other_version(file: Path, rng: random.Random) -> str:
     """The manifest of another format, with a sum that fits."""
     manifest = next(folder for folder in file.parents if (folder / checkpoint.MANIFEST).is_file()) / checkpoint.MANIFEST
     content = json.loads(manifest.read_text())
-    content["format"] = rng.choice([0, 2, 3, "1", None])
+    content["format"] = rng.choice([0, 3, 4, "2", None])
     manifest.write_text(json.dumps(content))
     manifest.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(manifest)}\n")
     return f"format {content['format']!r}"

@@ -1,8 +1,8 @@
 """`make test-kill`: runs that are killed at random moments and resumed end as if they had not been. Minutes.
 
 Each run is killed with SIGKILL again and again, each time after a random wait, also while it saves (there is a
-checkpoint after every round). Then it is resumed once more, to its end. Its last checkpoint must hold the same bits as
-that of a run that was never disturbed, and its metrics.csv the same lines, the columns of the clock apart.
+checkpoint after every update). Then it is resumed once more, to its end. Its last checkpoint must hold the same bits as
+that of a run that was never disturbed, and its metrics.csv the same lines, except for the timing columns.
 """
 
 from __future__ import annotations
@@ -23,10 +23,21 @@ from iphyre_jax.train.storage import checkpoint, logs, runs
 
 KILLS = 20
 GAMES = ("support", "hole")
-COMMON = ["--games", *GAMES, "--hidden", "16", "--checkpoint-seconds", "0", "--sampled-episodes", "1"]
+COMMON = ["--games", *GAMES, "--hidden-sizes", "16", "--checkpoint-seconds", "0", "--sampled-episodes", "1"]
 SETTINGS = {
     "ppo": ["--updates", "40", "--episodes-per-scene", "8", "--minibatches", "2"],
-    "sac": ["--updates", "40", "--episodes-per-scene", "8", "--warmup", "64", "--steps", "4", "--replay", "256"],
+    "sac": [
+        "--updates",
+        "40",
+        "--episodes-per-scene",
+        "8",
+        "--warmup",
+        "64",
+        "--gradient-steps",
+        "4",
+        "--buffer-size",
+        "256",
+    ],
 }
 
 
@@ -39,23 +50,23 @@ def command(agent: str, folder: Path) -> list[str]:
     return [sys.executable, "-m", "iphyre_jax", *(["resume", str(folder)] if begun else start), "--no-evaluate"]
 
 
-def rounds(folder: Path) -> int:
-    """Rounds in metrics.csv."""
+def updates(folder: Path) -> int:
+    """Updates in metrics.csv."""
     return len(logs.read(folder)) if (folder / logs.FILE).is_file() else 0
 
 
 def kill_once(agent: str, folder: Path, rng: random.Random) -> str:
-    """Start or resume a run and kill it: at once, or so long after its first new round; says where it was."""
-    before, wait = rounds(folder), rng.uniform(0.0, 2.0)
+    """Start or resume a run and kill it: at once, or so long after its first new update; says where it was."""
+    before, wait = updates(folder), rng.uniform(0.0, 2.0)
     process = subprocess.Popen(command(agent, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while process.poll() is None and rounds(folder) <= before:
+    while process.poll() is None and updates(folder) <= before:
         time.sleep(0.01)
     time.sleep(wait)
     ended = process.poll() is not None
     process.send_signal(signal.SIGKILL)
     process.wait()
     left = [entry.name for entry in (folder / checkpoint.FOLDER).glob(".*")]
-    return f"{rounds(folder)} rounds{', already over' if ended else ''}{', while saving' if left else ''}"
+    return f"{updates(folder)} updates{', already over' if ended else ''}{', while saving' if left else ''}"
 
 
 def same(folder: Path, undisturbed: Path) -> bool:
@@ -64,7 +75,7 @@ def same(folder: Path, undisturbed: Path) -> bool:
     plain = [jax.tree.leaves(state._replace(key=jax.random.key_data(state.key))) for state in states]
     bits = all(np.array_equal(one, other) for one, other in zip(*plain, strict=True))
     lines = [
-        [{k: v for k, v in line.items() if k not in trainer.CLOCKS} for line in logs.read(path)]
+        [{k: v for k, v in line.items() if k not in trainer.TIMING_COLUMNS} for line in logs.read(path)]
         for path in (folder, undisturbed)
     ]
     return bits and lines[0] == lines[1] and int(states[0].update) == int(states[1].update)

@@ -11,18 +11,17 @@ import pytest
 
 from iphyre_jax import load_scene, simulate_many
 from iphyre_jax.envs.in_advance import play_plans
-from iphyre_jax.train.collect import Decision, Plans, Worlds, collector
+from iphyre_jax.train.collect import PlanRollout, PolicyOutput, StepRollout, rollout_collector
 from iphyre_jax.train.scenes import training_scenes, variations
-from iphyre_jax.train.settings.presets import preset
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig, preset
 
 GAMES = ("hinder", "hole")  # of one topology
 EPISODES = 8
 
 
-def decided(action: jax.Array) -> Decision:
+def decided(action: jax.Array) -> PolicyOutput:
     nothing = jnp.zeros(action.shape[0])
-    return Decision(action, action, nothing, nothing)
+    return PolicyOutput(action, action, nothing, nothing)
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +39,13 @@ def planned(plans: np.ndarray) -> np.ndarray:
 
 
 def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> None:
-    place = collector(TrainConfig(games=GAMES), GAMES)
-    assert isinstance(place, Plans)
+    rollout = rollout_collector(TrainConfig(games=GAMES), GAMES)
+    assert isinstance(rollout, PlanRollout)
     actions = jnp.asarray(plans / 150, jnp.float32)
-    trajectory, played = place.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
+    trajectory, played = rollout.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
     np.testing.assert_array_equal(played.reward, planned)
     np.testing.assert_allclose(trajectory.reward[0], planned, rtol=1e-6)
-    assert trajectory.observation.shape == (2, 16, 120)
+    assert trajectory.obs.shape == (2, 16, 120)
     assert bool(trajectory.done.all())
 
 
@@ -55,29 +54,31 @@ def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray
 
     In scenes of one's own too: these are the games under other names.
     """
-    place = collector(preset("ppo", "combined"), [replace(load_scene(game), name=f"my {game}") for game in GAMES])
-    assert isinstance(place, Worlds)
+    rollout = rollout_collector(
+        preset("ppo", "combined"), [replace(load_scene(game), name=f"my {game}") for game in GAMES]
+    )
+    assert isinstance(rollout, StepRollout)
     actions = jnp.asarray(plans / 150, jnp.float32)
-    trajectory, played = place.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
+    trajectory, played = rollout.collect(lambda *_: decided(actions), jax.random.key(0), EPISODES)
     np.testing.assert_allclose(played.reward, planned, atol=1e-6)
     total = np.where(trajectory.active, trajectory.reward, 0).sum(axis=0)
     np.testing.assert_allclose(total, planned, rtol=1e-5)
-    play_requests = np.asarray(trajectory.active).sum(axis=0)
-    assert ((play_requests >= played.eliminations) & (play_requests <= played.eliminations + 1)).all()
+    decisions = np.asarray(trajectory.active).sum(axis=0)
+    assert ((decisions >= played.eliminations) & (decisions <= played.eliminations + 1)).all()
     assert (np.asarray(trajectory.done).sum(axis=0) == 1).all()
 
 
 def test_on_the_fly_removals_are_a_plan(plans: np.ndarray) -> None:
     """Each block is removed at its frame, the first one too; the host plays the same removals as a plan."""
     frames = plans - 1
-    place = collector(preset("ppo", "on-the-fly"), GAMES)
+    rollout = rollout_collector(preset("ppo", "on-the-fly"), GAMES)
     count = iter(range(1000))
 
-    def act(key: jax.Array, observation: jax.Array, each: int) -> Decision:
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
         due = frames == next(count)
         return decided(jnp.asarray(np.where(due.any(axis=1), due.argmax(axis=1) + 1, 0), jnp.int32))
 
-    trajectory, played = place.collect(act, jax.random.key(0), EPISODES)
+    trajectory, played = rollout.collect(policy, jax.random.key(0), EPISODES)
     which = np.repeat(np.arange(len(GAMES)), EPISODES)
     blocks = np.array([len(load_scene(game).eliminable_blocks) for game in GAMES])[which]
     steps = np.where(np.arange(6) < blocks[:, None], frames, -1)
@@ -87,10 +88,10 @@ def test_on_the_fly_removals_are_a_plan(plans: np.ndarray) -> None:
     active = np.asarray(trajectory.active)
     np.testing.assert_array_equal(active.sum(axis=0), host.steps)
     np.testing.assert_allclose(np.where(active, trajectory.reward, 0).sum(axis=0), host.reward, rtol=1e-4)
-    assert trajectory.observation.shape == (151, 16, 159)
+    assert trajectory.obs.shape == (151, 16, 159)
 
 
-def test_variations_take_the_place_of_games_by_seed_and_round() -> None:
+def test_variations_take_the_place_of_games_by_seed_and_update() -> None:
     config = TrainConfig(games=("support",), variations=6, episodes_per_scene=128, seed=2)
     scenes, episodes = training_scenes(config, 5)
     assert (len(scenes), episodes) == (4, 32)

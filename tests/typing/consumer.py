@@ -27,8 +27,7 @@ from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.evaluate import evaluate as evaluate_agent
 from iphyre_jax.train.loop import resume, train
 from iphyre_jax.train.observations import start_observations
-from iphyre_jax.train.settings.presets import preset
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage.pretrained import Pretrained, load_pretrained
 from iphyre_jax.viewer.films import save
 from iphyre_jax.viewer.frames import Look

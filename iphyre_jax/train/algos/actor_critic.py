@@ -1,9 +1,14 @@
-"""What PPO and A2C share: a policy, if wanted a value network, and a round made ready to learn from."""
+"""What PPO and A2C share: a policy, an optional value network, and minibatches of an update.
+
+Shapes: S scenes, B episodes, T decisions of each, N decisions to learn from, R distinct observations of them, D numbers
+in an observation.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar
 
 import flax.linen as nn
 import jax
@@ -11,147 +16,160 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train.algos.advantage import advantages
-from iphyre_jax.train.algos.distributions import action_head
-from iphyre_jax.train.algos.networks import POLICY_SCALE, VALUE_SCALE, Params, network
-from iphyre_jax.train.collect import Decision, Trajectory
+from iphyre_jax.train.algos.base import Algorithm, Metrics, forward, global_norm, jitted
+from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
+from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.agents import PolicyGradient
-from iphyre_jax.train.settings.run import TrainConfig
+
+S = TypeVar("S", bound=PolicyGradient)
+Carry = tuple[Params, optax.OptState]
+
+
+class State(NamedTuple):
+    """All that an update changes."""
+
+    params: Params  # "policy" and, with a critic, "value"
+    opt_state: optax.OptState
+    num_updates: jax.Array  # () int32
+    kl_coef: Any = NOTHING  # () float32, of PPO
 
 
 class Batch(NamedTuple):
     """N decisions to learn from."""
 
-    row: jax.Array  # (N,) int32, of the round's observations
-    choice: jax.Array  # (N, ...)
+    row: jax.Array  # (N,) int32, index of the decision's observation
+    raw_action: jax.Array  # (N, ...)
     log_prob: jax.Array  # (N,) under the policy that decided
     advantage: jax.Array  # (N,)
     target: jax.Array  # (N,) of the value network, in units of 1000 points
-    weight: jax.Array  # (N,) 1, or 0 for a decision that was not there
+    weight: jax.Array  # (N,) 1, or 0 for a decision after the end of its episode
 
 
-def settings_of(config: TrainConfig) -> PolicyGradient:
-    """The settings of a configuration for a policy gradient."""
-    return cast(PolicyGradient, config.learner)
+class ActorCritic(Algorithm[S]):
+    """A policy gradient."""
 
+    @property
+    def epochs(self) -> int:
+        """Passes over the decisions of an update."""
+        return 1
 
-def policy_network(config: TrainConfig) -> nn.Module:
-    """From observations to the outputs of the action head."""
-    return network(config, action_head(config.head).shape, POLICY_SCALE)
+    @property
+    def policy_network(self) -> nn.Module:
+        """From observations to the outputs of the action head."""
+        return self.network(self.head.shape, POLICY_SCALE)
 
+    @property
+    def value_network(self) -> nn.Module:
+        """From observations to values."""
+        return self.network((), VALUE_SCALE)
 
-def value_network(config: TrainConfig) -> nn.Module:
-    """From observations to values."""
-    return network(config, (), VALUE_SCALE)
+    @property
+    def optimizer(self) -> optax.GradientTransformation:
+        """Adam on norm-limited gradients; its rate can fall linearly to 0 over the run."""
+        settings = self.settings
+        steps = self.config.updates * self.epochs * settings.minibatches
+        initial = settings.learning_rate
+        rate = optax.linear_schedule(initial, 0.0, steps) if settings.anneal_lr else initial
+        return optax.chain(optax.clip_by_global_norm(settings.max_grad_norm), optax.adam(rate, eps=1e-5))
 
+    def init(self, key: jax.Array, obs: jax.Array) -> State:
+        """See `Algorithm`."""
+        policy_key, value_key = jax.random.split(key)
+        params = {"policy": self.policy_network.init(policy_key, obs)}
+        if self.settings.critic:
+            params["value"] = self.value_network.init(value_key, obs)
+        return State(params, self.optimizer.init(params), jnp.zeros((), jnp.int32))
 
-def init_params(config: TrainConfig, key: jax.Array, observation: jax.Array) -> Params:
-    """Weights of the policy, and of the value network if there is one."""
-    policy_key, value_key = jax.random.split(key)
-    params = {"policy": policy_network(config).init(policy_key, observation)}
-    if settings_of(config).critic:
-        params["value"] = value_network(config).init(value_key, observation)
-    return params
+    def value(self, params: Params, obs: jax.Array) -> jax.Array:
+        """(B,) values in units of 1000 points; 0 without a value network."""
+        if "value" not in params:
+            return jnp.zeros(obs.shape[0], jnp.float32)
+        return forward(self.value_network, params["value"], obs)
 
+    def outputs(self, params: Params, obs: jax.Array) -> jax.Array:
+        """Outputs for the action head."""
+        return forward(self.policy_network, params["policy"], obs)
 
-def value(config: TrainConfig, params: Params, observation: jax.Array) -> jax.Array:
-    """(B,) values in units of 1000 points; 0 without a value network."""
-    if "value" not in params:
-        return jnp.zeros(observation.shape[0], jnp.float32)
-    return cast(jax.Array, value_network(config).apply(params["value"], observation))
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
+        """See `Algorithm`; the networks see each observation once."""
+        repeat = partial(jnp.repeat, repeats=num_samples, axis=0)
+        head, mask = self.head, repeat(slot_mask(obs))
+        outputs = repeat(self.outputs(state.params, obs))
+        raw_action = head.sample(key, outputs, mask)
+        value = repeat(self.value(state.params, obs))
+        return PolicyOutput(head.action(raw_action), raw_action, head.log_prob(outputs, raw_action, mask), value)
 
+    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+        """See `Algorithm`."""
+        return self.sample_action(state, key, obs)
 
-def outputs(config: TrainConfig, params: Params, observation: jax.Array) -> jax.Array:
-    """Outputs for the action head."""
-    return cast(jax.Array, policy_network(config).apply(params["policy"], observation))
+    @jitted(0)
+    def greedy(self, state: State, obs: jax.Array) -> jax.Array:
+        """The most probable action for each observation (B, D)."""
+        return self.head.action(self.head.mode(self.outputs(state.params, obs), slot_mask(obs)))
 
+    def inference_state(self, state: State) -> State:
+        """See `Algorithm`."""
+        return state._replace(params={"policy": state.params["policy"]}, opt_state=NOTHING)
 
-@partial(jax.jit, static_argnums=(0, 4))
-def act(config: TrainConfig, params: Params, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
-    """Sample so many decisions for each observation (B, D), one observation after the other."""
-    of_each = partial(jnp.repeat, repeats=each, axis=0)
-    head, mask = action_head(config.head), of_each(slot_mask(observation))
-    given = of_each(outputs(config, params, observation))
-    choice = head.sample(key, given, mask)
-    judged = of_each(value(config, params, observation))
-    return Decision(head.action(choice), choice, head.log_prob(given, choice, mask), judged)
+    def entropy_weight(self, num_updates: jax.Array) -> jax.Array:
+        """() weight of the entropy bonus after so many updates."""
+        left = 1.0 - num_updates.astype(jnp.float32) / self.config.updates
+        return self.settings.ent_coef * (left if self.settings.anneal_lr else jnp.ones_like(left))
 
+    def batch(self, trajectory: Trajectory, num_scenes: int) -> tuple[jax.Array, Batch]:
+        """The observations (R, D) of an update, and its T x B decisions with their advantages.
 
-@partial(jax.jit, static_argnums=0)
-def greedy(config: TrainConfig, params: Params, observation: jax.Array) -> jax.Array:
-    """The most probable action for each observation (B, D)."""
-    head = action_head(config.head)
-    return head.action(head.mode(outputs(config, params, observation), slot_mask(observation)))
+        In advance all plans of a scene come from one observation, R = S; else each decision has its own, R = T x B.
+        """
+        advantage, target = advantages(self.settings, trajectory, num_scenes)
+        obs = trajectory.obs[:-1].reshape(-1, trajectory.obs.shape[-1])
+        sharing = len(obs) // num_scenes if self.config.strategy == "in-advance" else 1
+        whole = Batch(
+            jnp.arange(len(obs), dtype=jnp.int32).reshape(advantage.shape) // sharing,
+            trajectory.raw_action,
+            trajectory.log_prob,
+            advantage,
+            target,
+            trajectory.active.astype(jnp.float32),
+        )
+        return obs[::sharing], jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
+    def evaluate_actions(
+        self, params: Params, obs: jax.Array, row: jax.Array
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Outputs, values (N,) and slot masks (N, 6) for the observations (R, D) at rows (N,).
 
-def optimiser(config: TrainConfig, passes: int) -> optax.GradientTransformation:
-    """Adam on norm-limited gradients; its rate falls linearly to 0 over the run if so set."""
-    settings = settings_of(config)
-    steps = config.updates * passes * settings.minibatches
-    rate = optax.linear_schedule(settings.learning_rate, 0.0, steps) if settings.anneal else settings.learning_rate
-    return optax.chain(optax.clip_by_global_norm(settings.max_grad_norm), optax.adam(rate, eps=1e-5))
+        With fewer observations than decisions, the networks see each observation once. A product with ones and zeros
+        then spreads the outputs: the gradient of a gather is a scatter, which is slow on a CPU.
+        """
+        if len(obs) >= len(row):
+            obs = obs[row]
+            return self.outputs(params, obs), self.value(params, obs), slot_mask(obs)
+        one_hot = jax.nn.one_hot(row, len(obs))
+        spread = partial(jnp.einsum, "nr,r...->n...", one_hot, precision=jax.lax.Precision.HIGHEST)
+        return spread(self.outputs(params, obs)), spread(self.value(params, obs)), slot_mask(obs)[row]
 
+    def gradient_step(
+        self, loss: Callable[[Params, Batch], tuple[jax.Array, Metrics]], carry: Carry, minibatch: Batch
+    ) -> tuple[Carry, Metrics]:
+        """One gradient step on the loss of a minibatch; what `loss` reports, and the gradient's norm."""
+        params, opt_state = carry
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, minibatch)
+        changes, opt_state = self.optimizer.update(gradient, opt_state, params)
+        metrics["grad_norm"] = global_norm(gradient)
+        return (optax.apply_updates(params, changes), opt_state), metrics
 
-def entropy_weight(config: TrainConfig, made: jax.Array) -> jax.Array:
-    """() weight of the entropy bonus after so many rounds."""
-    settings = settings_of(config)
-    left = 1.0 - made.astype(jnp.float32) / config.updates
-    return settings.entropy * (left if settings.anneal else jnp.ones_like(left))
-
-
-def batch_of(config: TrainConfig, trajectory: Trajectory, scenes: int) -> tuple[jax.Array, Batch]:
-    """A round's observations (R, D), and its T x B decisions with their advantages.
-
-    In advance all plans of a scene are made from one observation, R = S; else each decision has its own, R = T x B.
-    """
-    advantage, target = advantages(settings_of(config), trajectory, scenes)
-    seen = trajectory.observation[:-1].reshape(-1, trajectory.observation.shape[-1])
-    each = len(seen) // scenes if config.strategy == "in-advance" else 1
-    whole = Batch(
-        jnp.arange(len(seen), dtype=jnp.int32).reshape(advantage.shape) // each,
-        trajectory.choice,
-        trajectory.log_prob,
-        advantage,
-        target,
-        trajectory.active.astype(jnp.float32),
-    )
-    return seen[::each], jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
-
-
-def judged(
-    config: TrainConfig, params: Params, seen: jax.Array, row: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Outputs, values (N,) and slot masks (N, 6) for the observations (R, D) at rows (N,).
-
-    Where there are fewer observations than decisions, the networks see each observation once. What comes out is spread
-    by a product with ones and zeros, for the gradient of a gather is a scatter, which is slow on a CPU.
-    """
-    if len(seen) >= len(row):
-        seen = seen[row]
-        return outputs(config, params, seen), value(config, params, seen), slot_mask(seen)
-    of = jax.nn.one_hot(row, len(seen))
-    exactly = partial(jnp.einsum, "nr,r...->n...", of, precision=jax.lax.Precision.HIGHEST)
-    return exactly(outputs(config, params, seen)), exactly(value(config, params, seen)), slot_mask(seen)[row]
-
-
-def minibatches(config: TrainConfig, batch: Batch, key: jax.Array) -> Batch:
-    """One pass: (minibatches, N / minibatches, ...) decisions in random order, those that were there first."""
-    settings, count = settings_of(config), batch.weight.shape[0]
-    rows = min(settings.rows, count) if settings.rows else count
-    if rows == count:
-        order = jax.random.permutation(key, count)
-    else:
-        order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - batch.weight))[:rows]
-        order = jax.random.permutation(jax.random.fold_in(key, 1), order)  # those that were not there fall anywhere
-    parts = order.reshape(settings.minibatches, -1)
-    return jax.tree.map(lambda leaf: leaf[parts], batch)
-
-
-def weighted(values: jax.Array, weight: jax.Array) -> jax.Array:
-    """() mean over the decisions that were there."""
-    return (values * weight).sum() / jnp.maximum(weight.sum(), 1.0)
-
-
-def norm(tree: Any) -> jax.Array:  # noqa: ANN401 - any tree of arrays
-    """() Euclidean norm of all numbers of a tree of arrays."""
-    return jnp.sqrt(sum((jnp.square(leaf).sum() for leaf in jax.tree.leaves(tree)), jnp.zeros(())))
+    def minibatches(self, batch: Batch, key: jax.Array) -> Batch:
+        """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first."""
+        count = batch.weight.shape[0]
+        samples = min(self.settings.samples_per_update or count, count)
+        if samples == count:
+            order = jax.random.permutation(key, count)
+        else:
+            order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - batch.weight))[:samples]
+            order = jax.random.permutation(jax.random.fold_in(key, 1), order)  # inactive ones fall anywhere
+        parts = order.reshape(self.settings.minibatches, -1)
+        return jax.tree.map(lambda leaf: leaf[parts], batch)

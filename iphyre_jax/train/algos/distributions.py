@@ -1,10 +1,10 @@
-"""Action heads: what a network's outputs mean, as distributions over decisions.
+"""Action heads: distributions over actions, from a network's outputs.
 
-What is sampled is called a *choice*; the learner keeps choices, the environment gets the actions made of them. In
-advance and combined, a decision is a time for each slot: one factor a slot, in the official box [0, 1]^6, where a block
-goes at 15 a seconds. On the fly it is one of seven. Slots that stand for no block (`mask` False) never count.
+A head samples *raw actions*, which the learner keeps, and turns them into the environment's actions. In advance and
+combined, an action is a time for each slot, in the official box [0, 1]^6: action a removes a block at 15 a seconds. On
+the fly an action is one of seven. Slots that stand for no block (`mask` False) never count.
 
-Shapes: outputs (..., *shape), choices (..., 6) or (...), masks (..., 6) bool.
+Shapes: outputs (..., *shape), raw actions (..., 6) or (...), masks (..., 6) bool.
 """
 
 from __future__ import annotations
@@ -13,82 +13,80 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Final, Literal, Protocol
+from typing import ClassVar, Final, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE
+from iphyre_jax.train.settings.agents import HeadName
 
-HeadName = Literal["slots", "gaussian", "squashed", "point", "categorical", "even"]
-
-SLOTS = int(TIME_LIMIT * DECISIONS_PER_SECOND)  # 0 "never", then 0.1, 0.2, ..., 14.9 s
+INSTANTS = int(TIME_LIMIT * DECISIONS_PER_SECOND)  # 0 "never", then 0.1, 0.2, ..., 14.9 s
 
 
 class Head(Protocol):
-    """What the learner asks of a head."""
+    """A distribution over actions."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Outputs that the network must give for a decision."""
+        """Shape of the network's outputs for a decision."""
 
     def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """Draw choices."""
+        """Draw raw actions."""
 
     def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """The most probable choices."""
+        """The most probable raw actions."""
 
-    def log_prob(self, outputs: jax.Array, choice: jax.Array, mask: jax.Array) -> jax.Array:
-        """(...) natural logarithm of the probability (density) of choices."""
+    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+        """(...) natural logarithm of the probability (density) of raw actions."""
 
     def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """(...) nats, per slot that stands for a block, or of the whole decision on the fly."""
+        """(...) nats: per slot that stands for a block, or, on the fly, of the action."""
 
-    def action(self, choice: jax.Array) -> jax.Array:
-        """The environment's actions for choices."""
+    def action(self, raw_action: jax.Array) -> jax.Array:
+        """The environment's actions for raw actions."""
 
 
-def _sum(each: jax.Array, mask: jax.Array) -> jax.Array:
+def _sum(per_slot: jax.Array, mask: jax.Array) -> jax.Array:
     """(...) sum over the slots that stand for a block."""
-    return jnp.where(mask, each, jnp.zeros_like(each)).sum(axis=-1)
+    return jnp.where(mask, per_slot, jnp.zeros_like(per_slot)).sum(axis=-1)
 
 
-def _mean(each: jax.Array, mask: jax.Array) -> jax.Array:
+def _mean(per_slot: jax.Array, mask: jax.Array) -> jax.Array:
     """(...) mean over the slots that stand for a block."""
-    return _sum(each, mask) / jnp.maximum(mask.sum(axis=-1), 1)
+    return _sum(per_slot, mask) / jnp.maximum(mask.sum(axis=-1), 1)
 
 
-def _pick(log_probabilities: jax.Array, choice: jax.Array) -> jax.Array:
-    """The entry of the last axis that was chosen."""
-    return jnp.take_along_axis(log_probabilities, choice[..., None], axis=-1)[..., 0]
+def _taken(log_probabilities: jax.Array, raw_action: jax.Array) -> jax.Array:
+    """The log-probability of the action taken."""
+    return jnp.take_along_axis(log_probabilities, raw_action[..., None], axis=-1)[..., 0]
 
 
-def _nats(log_probabilities: jax.Array) -> jax.Array:
+def _categorical_entropy(log_probabilities: jax.Array) -> jax.Array:
     """Entropy of categorical distributions on the last axis; one of probability 0 adds nothing."""
     return -(jnp.exp(log_probabilities) * jnp.maximum(log_probabilities, -1e3)).sum(axis=-1)
 
 
 @dataclass(frozen=True)
-class SlotHead:
-    """Categorical over the 150 instants at which the in-advance environment looks: choice k means 0.1 k s, 0 never.
+class TimeGridHead:
+    """Categorical over the 150 instants at which the in-advance environment acts: raw action k means 0.1 k s, 0 never.
 
-    Only one block goes at an instant and the environment forgets the others that were to go then; a policy that gives
-    like blocks the same time means all of them. So each goes at the first instant from its own on that no earlier slot
-    has.
+    The environment removes one block at an instant and forgets others of the same instant. A policy that gives similar
+    blocks the same time means all of them, so each block moves to the next instant that no earlier slot has.
 
-    The network's outputs are added to the logarithm of a prior, `never` for staying and an
-    exponential in time with mean `scale` s for the instants: most useful times are early.
+    The network's outputs are added to the logarithm of a prior: `never` for staying and an exponential in time with
+    mean `scale` s for the instants, since most useful times are early.
     """
 
     never: float = 0.25
     scale: float = 4.0
 
-    shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, SLOTS)
+    shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, INSTANTS)
 
     def _log_prior(self) -> jax.Array:
         """(150,) float32 natural logarithm of the prior."""
-        seconds = jnp.arange(1, SLOTS, dtype=jnp.float32) / DECISIONS_PER_SECOND
+        seconds = jnp.arange(1, INSTANTS, dtype=jnp.float32) / DECISIONS_PER_SECOND
         instants = math.log1p(-self.never) + jax.nn.log_softmax(-seconds / self.scale)
         return jnp.concatenate([jnp.full((1,), math.log(self.never), jnp.float32), instants])
 
@@ -98,7 +96,7 @@ class SlotHead:
         return jax.nn.log_softmax(outputs + prior, axis=-1)
 
     def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; int32 choices."""
+        """See `Head`; int32."""
         del mask
         return jax.random.categorical(key, self._log_probabilities(outputs), axis=-1).astype(jnp.int32)
 
@@ -107,27 +105,27 @@ class SlotHead:
         del mask
         return self._log_probabilities(outputs).argmax(axis=-1).astype(jnp.int32)
 
-    def log_prob(self, outputs: jax.Array, choice: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _sum(_pick(self._log_probabilities(outputs), choice), mask)
+        return _sum(_taken(self._log_probabilities(outputs), raw_action), mask)
 
     def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _mean(_nats(self._log_probabilities(outputs)), mask)
+        return _mean(_categorical_entropy(self._log_probabilities(outputs)), mask)
 
-    def action(self, choice: jax.Array) -> jax.Array:
+    def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`; k / 150, which the environment rounds back to instant k."""
-        return one_after_the_other(choice).astype(jnp.float32) / SLOTS
+        return distinct_instants(raw_action).astype(jnp.float32) / INSTANTS
 
 
-def one_after_the_other(choice: jax.Array) -> jax.Array:
-    """(..., 6) instants -> the same, each put off until no earlier slot has it; 0, never, stays, 150 is never too."""
+def distinct_instants(raw_action: jax.Array) -> jax.Array:
+    """(..., 6) instants, each delayed until no earlier slot has it; 0 is never and stays, 150 is never too."""
     instants: list[jax.Array] = []
-    for each in jnp.moveaxis(choice, -1, 0):
-        for _ in instants:  # as often as it may meet an earlier one
-            taken = jnp.stack([each == other for other in instants]).any(axis=0)
-            each = each + (taken & (each > 0))
-        instants.append(each)
+    for instant in jnp.moveaxis(raw_action, -1, 0):
+        for _ in instants:  # it can meet each earlier one once
+            taken = jnp.stack([instant == other for other in instants]).any(axis=0)
+            instant = instant + (taken & (instant > 0))
+        instants.append(instant)
     return jnp.stack(instants, axis=-1)
 
 
@@ -138,21 +136,21 @@ def _normal_log_prob(mean: jax.Array, log_std: jax.Array, value: jax.Array) -> j
 
 @dataclass(frozen=True)
 class GaussianHead:
-    """Normal with its own spread for each slot; the choice u becomes the action (u + 1) / 2, clipped to the box.
+    """Normal with its own deviation for each slot; the raw action u becomes (u + 1) / 2, clipped to the box.
 
-    At first mean 0 and deviation 1, as the paper's agents begin: times of 7.5 +- 7.5 s, with a
-    sixth of the mass on either edge, where the block stays.
+    It starts with mean 0 and deviation 1, like the paper's agents: times of 7.5 +- 7.5 s, with a sixth of the mass on
+    either edge, where the block stays.
     """
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, 2)
 
     @staticmethod
     def _mean_and_log_std(outputs: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """(..., 6) each; the spread is kept between e^-5 and e^1."""
+        """(..., 6) each; the deviation stays between e^-5 and e^1."""
         return outputs[..., 0], jnp.clip(outputs[..., 1], -5.0, 1.0)
 
     def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; float32 choices, not clipped."""
+        """See `Head`; float32, not clipped."""
         del mask
         mean, log_std = self._mean_and_log_std(outputs)
         return mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape, mean.dtype)
@@ -162,108 +160,108 @@ class GaussianHead:
         del mask
         return self._mean_and_log_std(outputs)[0]
 
-    def log_prob(self, outputs: jax.Array, choice: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; of the unclipped choice."""
-        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), choice), mask)
+    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+        """See `Head`; of the unclipped raw action."""
+        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), raw_action), mask)
 
     def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
         return _mean(self._mean_and_log_std(outputs)[1] + 0.5 * math.log(2 * math.pi * math.e), mask)
 
-    def action(self, choice: jax.Array) -> jax.Array:
+    def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
-        return jnp.clip((choice + 1.0) / 2.0, 0.0, 1.0)
+        return jnp.clip((raw_action + 1.0) / 2.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class SquashedHead(GaussianHead):
-    """Normal pressed into the box: the choice u becomes (tanh u + 1) / 2, and densities are those of tanh u."""
+class TanhNormalHead(GaussianHead):
+    """Normal squashed into the box: the raw action u becomes (tanh u + 1) / 2, and densities are those of tanh u."""
 
-    def log_prob(self, outputs: jax.Array, choice: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`; log N(u) - log(1 - tanh^2 u), the latter as 2 (log 2 - u - softplus(-2 u))."""
-        slope = 2.0 * (math.log(2.0) - choice - jax.nn.softplus(-2.0 * choice))
-        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), choice) - slope, mask)
+        slope = 2.0 * (math.log(2.0) - raw_action - jax.nn.softplus(-2.0 * raw_action))
+        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), raw_action) - slope, mask)
 
     def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """No formula: minus the log density at the mode, per slot. SAC estimates it from samples instead."""
+        """There is no formula: minus the log density at the mode, per slot. SAC estimates the entropy from samples."""
         return -self.log_prob(outputs, self.mode(outputs, mask), mask) / jnp.maximum(mask.sum(axis=-1), 1)
 
-    def action(self, choice: jax.Array) -> jax.Array:
+    def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
-        return (jnp.tanh(choice) + 1.0) / 2.0
+        return (jnp.tanh(raw_action) + 1.0) / 2.0
 
 
 @dataclass(frozen=True)
-class PointHead:
-    """One time for each slot, without chance: the output u becomes the action (tanh u + 1) / 2."""
+class DeterministicHead:
+    """One time for each slot: the output u becomes the action (tanh u + 1) / 2. It cannot be sampled."""
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, 1)
 
     def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """The only choices there are."""
+        """The only raw actions."""
         del mask
         return outputs[..., 0]
 
-    def action(self, choice: jax.Array) -> jax.Array:
+    def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
-        return (jnp.tanh(choice) + 1.0) / 2.0
+        return (jnp.tanh(raw_action) + 1.0) / 2.0
 
 
 @dataclass(frozen=True)
 class CategoricalHead:
-    """One of seven: 0 does nothing, i removes the block of slot i - 1; slots without a block cannot be chosen.
+    """One of seven: 0 does nothing, i removes the block of slot i - 1; slots without a block have probability 0.
 
-    The outputs are added to the logarithm of a prior: `idle` for doing nothing, the rest shared by the blocks. A
-    decision comes every 0.1 s, so without it all blocks would be gone within the first second.
+    The outputs are added to the logarithm of a prior: `no_op_prob` for doing nothing; the blocks share the rest. A
+    decision comes every 0.1 s, so without the prior all blocks would be gone within the first second.
     """
 
-    idle: float = 0.97
+    no_op_prob: float = 0.97
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE + 1,)
 
     def log_probabilities(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
         """(..., 7) normalised log probabilities, -inf for slots without a block."""
-        share = jnp.log((1.0 - self.idle) / jnp.maximum(mask.sum(axis=-1, keepdims=True), 1))
+        share = jnp.log((1.0 - self.no_op_prob) / jnp.maximum(mask.sum(axis=-1, keepdims=True), 1))
         blocks = jnp.where(mask, jnp.broadcast_to(share, mask.shape), -jnp.inf)
-        prior = jnp.concatenate([jnp.full_like(share, math.log(self.idle)), blocks], axis=-1)
+        prior = jnp.concatenate([jnp.full_like(share, math.log(self.no_op_prob)), blocks], axis=-1)
         return jax.nn.log_softmax(outputs + prior, axis=-1)
 
     def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; int32 choices."""
+        """See `Head`; int32."""
         return jax.random.categorical(key, self.log_probabilities(outputs, mask), axis=-1).astype(jnp.int32)
 
     def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
         return self.log_probabilities(outputs, mask).argmax(axis=-1).astype(jnp.int32)
 
-    def log_prob(self, outputs: jax.Array, choice: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _pick(self.log_probabilities(outputs, mask), choice)
+        return _taken(self.log_probabilities(outputs, mask), raw_action)
 
     def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _nats(self.log_probabilities(outputs, mask))
+        return _categorical_entropy(self.log_probabilities(outputs, mask))
 
-    def action(self, choice: jax.Array) -> jax.Array:
+    def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
-        return choice
+        return raw_action
 
 
-HEADS: Final[Mapping[HeadName, Head | PointHead]] = MappingProxyType(
+HEADS: Final[Mapping[HeadName, Head | DeterministicHead]] = MappingProxyType(
     {
-        "slots": SlotHead(),
+        "time_grid": TimeGridHead(),
         "gaussian": GaussianHead(),
-        "squashed": SquashedHead(),
-        "point": PointHead(),
+        "tanh_normal": TanhNormalHead(),
+        "deterministic": DeterministicHead(),
         "categorical": CategoricalHead(),
-        "even": CategoricalHead(idle=1 / 7),
+        "uniform": CategoricalHead(no_op_prob=1 / 7),
     }
 )
 
 
 def action_head(name: HeadName) -> Head:
-    """The head, one that can be sampled from, that a configuration names."""
+    """The head of a name, if it can be sampled."""
     head = HEADS[name]
-    if isinstance(head, PointHead):
-        raise ValueError(f"head: expected one to sample from, got {name!r}")
+    if isinstance(head, DeterministicHead):
+        raise ValueError(f"head: expected one that can be sampled, got {name!r}")
     return head

@@ -1,148 +1,113 @@
 """Deep Q-network (Mnih et al. 2015) with double learning and two streams, on the fly.
 
-A network values all seven actions of a moment; the best is taken, but for a share epsilon of random ones, of which most
-do nothing: a decision comes every 0.1 s, and blocks that are gone do not come back.
+A network values all seven actions. The best is taken, but for a share epsilon of random ones. Most of those do nothing:
+a decision comes every 0.1 s, and removed blocks do not come back.
 
 Shapes: N transitions, D numbers in an observation.
 """
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
-import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.scenes import MAX_ELIMINABLE
-from iphyre_jax.train.algos import replay
+from iphyre_jax.train.algos.base import Metrics, forward, jitted, masked_mean, without_value
 from iphyre_jax.train.algos.distributions import CategoricalHead
-from iphyre_jax.train.algos.networks import NOTHING, VALUE_SCALE, Params, network
-from iphyre_jax.train.algos.replay import Transition, weighted
-from iphyre_jax.train.collect import Decision, Trajectory
+from iphyre_jax.train.algos.networks import NOTHING, VALUE_SCALE, Params
+from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, linear_schedule, polyak_update
+from iphyre_jax.train.algos.replay import Transition
+from iphyre_jax.train.collect import PolicyOutput
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.agents import DQN
-from iphyre_jax.train.settings.run import TrainConfig
 
-METRICS: Final = ("value_loss", "epsilon")
-Metrics = dict[str, jax.Array]
+IMPOSSIBLE: Final = -1e3  # value of removing a block that a slot does not have
 
 
-class Learned(NamedTuple):
+class TrainState(NamedTuple):
     """What gradient steps change."""
 
     value: Params
     target: Params
-    optimiser: optax.OptState
+    opt_state: optax.OptState
 
 
-class State(NamedTuple):
-    """All that a round changes."""
+class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
+    """Deep Q-network."""
 
-    learned: Learned
-    buffer: replay.Buffer
-    made: jax.Array  # () int32, rounds
+    METRICS = ("value_loss", "epsilon")
 
+    @property
+    def optimizer(self) -> optax.GradientTransformation:
+        """Adam."""
+        return optax.adam(self.settings.learning_rate)
 
-def _settings(config: TrainConfig) -> DQN:
-    return cast(DQN, config.learner)
+    def init(self, key: jax.Array, obs: jax.Array) -> State:
+        """See `Algorithm`."""
+        value = self.network(CategoricalHead.shape, VALUE_SCALE, dueling=self.settings.dueling).init(key, obs)
+        train_state = TrainState(value, jax.tree.map(jnp.copy, value), self.optimizer.init(value))
+        return State(train_state, self.empty_buffer(obs, jnp.zeros((1,), jnp.int32)), jnp.zeros((), jnp.int32))
 
+    def values(self, params: Params, obs: jax.Array) -> jax.Array:
+        """(N, 7) values of the actions; those of slots without a block are far below all others."""
+        no_op = jnp.ones((*obs.shape[:-1], 1), bool)
+        possible = jnp.concatenate([no_op, slot_mask(obs)], axis=-1)
+        network = self.network(CategoricalHead.shape, VALUE_SCALE, dueling=self.settings.dueling)
+        return jnp.where(possible, forward(network, params, obs), IMPOSSIBLE)
 
-def _network(config: TrainConfig) -> nn.Module:
-    return network(config, (MAX_ELIMINABLE + 1,), VALUE_SCALE, dueling=_settings(config).dueling)
+    def best(self, params: Params, obs: jax.Array) -> jax.Array:
+        """(N,) int32 the actions of highest value."""
+        return self.values(params, obs).argmax(axis=-1).astype(jnp.int32)
 
+    def epsilon(self, num_updates: jax.Array) -> jax.Array:
+        """() share of random actions after so many updates."""
+        settings = self.settings
+        return linear_schedule(num_updates, settings.epsilon, settings.epsilon_end, settings.epsilon_updates)
 
-def values(config: TrainConfig, params: Params, observation: jax.Array) -> jax.Array:
-    """(N, 7) values of the actions; of slots without a block far below all others."""
-    nothing = jnp.ones((*observation.shape[:-1], 1), bool)
-    there = jnp.concatenate([nothing, slot_mask(observation)], axis=-1)
-    return jnp.where(there, cast(jax.Array, _network(config).apply(params, observation)), -1e3)
+    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+        """The best action, but for a share of random ones."""
+        share_key, random_key = jax.random.split(key)
+        mask = slot_mask(obs)
+        prior = CategoricalHead(self.settings.no_op_prob)
+        random = prior.sample(random_key, jnp.zeros((*mask.shape[:-1], *prior.shape)), mask)
+        best = self.best(state.train_state.value, obs)
+        explores = jax.random.uniform(share_key, best.shape) < self.epsilon(state.num_updates)
+        action = jnp.where(explores, random, best)
+        return without_value(action, action)
 
+    @jitted(0)
+    def greedy(self, state: State, obs: jax.Array) -> jax.Array:
+        """The best action for each observation (B, D)."""
+        return self.best(state.train_state.value, obs)
 
-def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
-    value = _network(config).init(key, observation)
-    optimiser = optax.adam(_settings(config).learning_rate)
-    learned = Learned(value, jax.tree.map(jnp.copy, value), optimiser.init(value))
-    buffer = replay.empty(config, observation, jnp.zeros((1,), jnp.int32))
-    return State(learned, buffer, jnp.zeros((), jnp.int32))
+    def inference_state(self, state: State) -> State:
+        """See `Algorithm`."""
+        return State(TrainState(state.train_state.value, NOTHING, NOTHING), NOTHING, state.num_updates)
 
+    def targets(self, train_state: TrainState, batch: Transition) -> jax.Array:
+        """(N,) targets of the values: reward + discount Q' of the best next action."""
+        next_values = self.values(train_state.target, batch.next_obs)
+        chooser = train_state.value if self.settings.double else train_state.target
+        best = self.values(chooser, batch.next_obs).argmax(axis=-1)
+        return batch.reward + batch.discount * jnp.take_along_axis(next_values, best[:, None], axis=-1)[:, 0]
 
-def epsilon(config: TrainConfig, made: jax.Array) -> jax.Array:
-    """() share of random actions after so many rounds."""
-    settings = _settings(config)
-    share = jnp.minimum(made.astype(jnp.float32) / settings.epsilon_rounds, 1.0)
-    return settings.epsilon + share * (settings.epsilon_end - settings.epsilon)
+    def loss(self, value: Params, batch: Transition, target: jax.Array) -> jax.Array:
+        """() squared distance of the values of the actions from their targets."""
+        values = self.values(value, batch.obs)
+        taken = jnp.take_along_axis(values, batch.raw_action[:, None], axis=-1)[:, 0]
+        return masked_mean(jnp.square(taken - target), batch.weight)
 
-
-@partial(jax.jit, static_argnums=(0, 5))
-def _decide(
-    config: TrainConfig, value: Params, made: jax.Array, key: jax.Array, observation: jax.Array, each: int
-) -> Decision:
-    observation = jnp.repeat(observation, each, axis=0)
-    share_key, random_key = jax.random.split(key)
-    mask = slot_mask(observation)
-    random = CategoricalHead(_settings(config).idle).sample(random_key, jnp.zeros((*mask.shape[:-1], 7)), mask)
-    best = values(config, value, observation).argmax(axis=-1).astype(jnp.int32)
-    chance = jax.random.uniform(share_key, best.shape) < epsilon(config, made)
-    action = jnp.where(chance, random, best)
-    nothing = jnp.zeros(observation.shape[0], jnp.float32)
-    return Decision(action, action, nothing, nothing)
-
-
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
-    """The best action with a share of random ones, so often for each observation (B, D), one after the other."""
-    return _decide(config, state.learned.value, state.made, key, observation, each)
-
-
-@partial(jax.jit, static_argnums=0)
-def _best(config: TrainConfig, value: Params, observation: jax.Array) -> jax.Array:
-    return values(config, value, observation).argmax(axis=-1).astype(jnp.int32)
-
-
-def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
-    """The best action for each observation (B, D)."""
-    return _best(config, state.learned.value, observation)
-
-
-def acting(state: State) -> State:
-    """The state with nothing left in it but what `act` and `greedy` look at."""
-    return State(Learned(state.learned.value, NOTHING, NOTHING), NOTHING, state.made)
-
-
-def targets(config: TrainConfig, learned: Learned, batch: Transition) -> jax.Array:
-    """(N,) what the values should be: reward + discount Q' of the best of what follows."""
-    judged = values(config, learned.target, batch.following)
-    chooser = learned.value if _settings(config).double else learned.target
-    best = values(config, chooser, batch.following).argmax(axis=-1)
-    return batch.reward + batch.discount * jnp.take_along_axis(judged, best[:, None], axis=-1)[:, 0]
-
-
-def loss(value: Params, config: TrainConfig, batch: Transition, target: jax.Array) -> jax.Array:
-    """() squared distance of the values of what was chosen from their targets."""
-    given = values(config, value, batch.observation)
-    taken = jnp.take_along_axis(given, batch.choice[:, None], axis=-1)[:, 0]
-    return weighted(jnp.square(taken - target), batch.weight)
-
-
-@partial(jax.jit, static_argnums=(0, 4))
-def learn(
-    config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
-) -> tuple[State, Metrics]:
-    """Keep a round's episodes and make its gradient steps; the new state and what to report."""
-    del scenes
-    settings, optimiser = _settings(config), optax.adam(_settings(config).learning_rate)
-
-    def step(learned: Learned, key: jax.Array, batch: Transition) -> tuple[Learned, Metrics]:
+    def gradient_step(
+        self, num_updates: jax.Array, train_state: TrainState, key: jax.Array, batch: Transition
+    ) -> tuple[TrainState, Metrics]:
+        """See `OffPolicyAlgorithm`."""
         del key
-        target = jax.lax.stop_gradient(targets(config, learned, batch))
-        wrong, gradient = jax.value_and_grad(loss)(learned.value, config, batch, target)
-        changes, moments = optimiser.update(gradient, learned.optimiser)
-        value: Params = optax.apply_updates(learned.value, changes)
-        moved = replay.towards(learned.target, value, settings.target_rate)
-        return Learned(value, moved, moments), {"value_loss": wrong, "epsilon": epsilon(config, state.made)}
-
-    buffer, learned, metrics = replay.learned(config, state.buffer, trajectory, key, state.learned, step)
-    return State(learned, buffer, state.made + 1), metrics
+        target = jax.lax.stop_gradient(self.targets(train_state, batch))
+        value_loss, gradient = jax.value_and_grad(self.loss)(train_state.value, batch, target)
+        changes, opt_state = self.optimizer.update(gradient, train_state.opt_state)
+        value: Params = optax.apply_updates(train_state.value, changes)
+        target_params = polyak_update(train_state.target, value, self.settings.tau)
+        metrics = {"value_loss": value_loss, "epsilon": self.epsilon(num_updates)}
+        return TrainState(value, target_params, opt_state), metrics

@@ -1,138 +1,86 @@
 """Proximal policy optimisation (Schulman et al. 2017), for all three strategies.
 
-A round is
+An update is
 
-    decisions = act            sample from the policy, while the episodes are played (`collect.py`)
-    advantage = advantages     generalised advantage estimation, normalised within each scene
-    learn                      E passes of M minibatches with the clipped objective
+    sample_action    sample from the policy, while the episodes are played (`collect.py`)
+    advantages       generalised advantage estimation, normalised within each scene
+    learn            E passes of M minibatches with the clipped objective
 
-In advance an episode is one decision: there is nothing to bootstrap, and by default no value network; the mean reward
-of a scene's own plans is the baseline then. It is exact for the present policy up to sampling noise, and needs no
-training.
+In advance an episode is one decision, so there is nothing to bootstrap and by default no value network. The mean reward
+of a scene's own plans is the baseline: exact for the present policy up to sampling noise, without training.
 
-Shapes: N decisions in a minibatch, D numbers in an observation.
+Shapes: N decisions in a minibatch, R observations of them, D numbers in an observation.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Final, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
-import optax
 
-from iphyre_jax.train.algos import actor_critic
-from iphyre_jax.train.algos.actor_critic import Batch, batch_of, entropy_weight, judged, minibatches, norm, weighted
-from iphyre_jax.train.algos.distributions import action_head
-from iphyre_jax.train.algos.networks import NOTHING, Params
-from iphyre_jax.train.collect import Decision, Trajectory
+from iphyre_jax.train.algos.actor_critic import ActorCritic, Batch, Carry, State
+from iphyre_jax.train.algos.base import Metrics, jitted, masked_mean
+from iphyre_jax.train.algos.networks import Params
+from iphyre_jax.train.collect import Trajectory
 from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.run import TrainConfig
-
-METRICS: Final = ("policy_loss", "value_loss", "entropy", "kl", "clipped", "grad_norm")
-Metrics = dict[str, jax.Array]
 
 
-class State(NamedTuple):
-    """All that a round changes."""
-
-    params: Params
-    optimiser: optax.OptState
-    kl_weight: jax.Array  # () float32
-    made: jax.Array  # () int32, rounds
-
-
-def _settings(config: TrainConfig) -> PPO:
-    return cast(PPO, config.learner)
-
-
-def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round; observations (S, D) of the training games give sizes and centre."""
-    params = actor_critic.init_params(config, key, observation)
-    optimiser = actor_critic.optimiser(config, _settings(config).epochs)
-    weight = jnp.asarray(_settings(config).kl_weight, jnp.float32)
-    return State(params, optimiser.init(params), weight, jnp.zeros((), jnp.int32))
-
-
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
-    """Sample so many decisions for each observation (B, D), one observation after the other."""
-    return actor_critic.act(config, state.params, key, observation, each)
-
-
-def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
-    """The most probable action for each observation (B, D)."""
-    return actor_critic.greedy(config, state.params, observation)
-
-
-def acting(state: State) -> State:
-    """The state with nothing left in it but what `act` and `greedy` look at."""
-    return state._replace(params={"policy": state.params["policy"]}, optimiser=NOTHING)
-
-
-def clipped_objective(ratio: jax.Array, advantage: jax.Array, clip: float) -> jax.Array:
+def clipped_objective(ratio: jax.Array, advantage: jax.Array, clip_eps: float) -> jax.Array:
     """(N,) PPO's objective: min(r A, clip(r, 1 - c, 1 + c) A)."""
-    return jnp.minimum(ratio * advantage, jnp.clip(ratio, 1.0 - clip, 1.0 + clip) * advantage)
+    return jnp.minimum(ratio * advantage, jnp.clip(ratio, 1.0 - clip_eps, 1.0 + clip_eps) * advantage)
 
 
-def loss(
-    params: Params,
-    config: TrainConfig,
-    seen: jax.Array,
-    batch: Batch,
-    entropy_bonus: jax.Array,
-    kl_weight: jax.Array,
-) -> tuple[jax.Array, Metrics]:
-    """The loss of a minibatch of decisions about observations (R, D), and what to report of it."""
-    settings, head = _settings(config), action_head(config.head)
-    given, value, mask = judged(config, params, seen, batch.row)
-    log_ratio = (head.log_prob(given, batch.choice, mask) - batch.log_prob) * batch.weight
-    ratio = jnp.exp(log_ratio)
-    policy_loss = -weighted(clipped_objective(ratio, batch.advantage, settings.clip), batch.weight)
-    squares = jnp.square(value - batch.target)
-    if settings.value_clip:
-        squares = jnp.minimum(squares, settings.value_clip)
-    value_loss = weighted(squares, batch.weight) if settings.critic else jnp.zeros(())
-    entropy = weighted(head.entropy(given, mask), batch.weight)
-    kl = weighted(ratio - 1.0 - log_ratio, batch.weight)  # unbiased and never negative
-    total = policy_loss + settings.value_weight * value_loss - entropy_bonus * entropy + kl_weight * kl
-    clipped = weighted((jnp.abs(ratio - 1.0) > settings.clip).astype(jnp.float32), batch.weight)
-    metrics = {
-        "policy_loss": policy_loss,
-        "value_loss": value_loss,
-        "entropy": entropy,
-        "kl": kl,
-        "clipped": clipped,
-    }
-    return total, metrics
+class PPOAlgorithm(ActorCritic[PPO]):
+    """Proximal policy optimisation."""
 
+    METRICS = ("policy_loss", "value_loss", "entropy", "kl", "clipped", "grad_norm")
 
-@partial(jax.jit, static_argnums=(0, 4))
-def learn(
-    config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
-) -> tuple[State, Metrics]:
-    """Learn from a round's episodes of so many scenes; the new state and what to report, means over the minibatches."""
-    settings = _settings(config)
-    seen, batch = batch_of(config, trajectory, scenes)
-    optimiser = actor_critic.optimiser(config, settings.epochs)
-    bonus = entropy_weight(config, state.made)
-    Carry = tuple[Params, optax.OptState]
+    @property
+    def epochs(self) -> int:
+        """Passes over the decisions of an update."""
+        return self.settings.epochs
 
-    def step(carry: Carry, minibatch: Batch) -> tuple[Carry, Metrics]:
-        params, moments = carry
-        gradient, metrics = jax.grad(loss, has_aux=True)(params, config, seen, minibatch, bonus, state.kl_weight)
-        changes, moments = optimiser.update(gradient, moments, params)
-        return (optax.apply_updates(params, changes), moments), {**metrics, "grad_norm": norm(gradient)}
+    def init(self, key: jax.Array, obs: jax.Array) -> State:
+        """See `Algorithm`."""
+        return super().init(key, obs)._replace(kl_coef=jnp.asarray(self.settings.kl_coef, jnp.float32))
 
-    def epoch(carry: Carry, key: jax.Array) -> tuple[Carry, Metrics]:
-        return jax.lax.scan(step, carry, minibatches(config, batch, key))
+    def loss(
+        self, params: Params, obs: jax.Array, batch: Batch, ent_coef: jax.Array, kl_coef: jax.Array
+    ) -> tuple[jax.Array, Metrics]:
+        """The loss of a minibatch of decisions about observations (R, D), and metrics."""
+        settings = self.settings
+        outputs, value, mask = self.evaluate_actions(params, obs, batch.row)
+        log_ratio = (self.head.log_prob(outputs, batch.raw_action, mask) - batch.log_prob) * batch.weight
+        ratio = jnp.exp(log_ratio)
+        policy_loss = -masked_mean(clipped_objective(ratio, batch.advantage, settings.clip_eps), batch.weight)
+        squares = jnp.square(value - batch.target)
+        if settings.value_clip:
+            squares = jnp.minimum(squares, settings.value_clip)
+        value_loss = masked_mean(squares, batch.weight) if settings.critic else jnp.zeros(())
+        entropy = masked_mean(self.head.entropy(outputs, mask), batch.weight)
+        kl = masked_mean(ratio - 1.0 - log_ratio, batch.weight)  # unbiased and never negative
+        total = policy_loss + settings.vf_coef * value_loss - ent_coef * entropy + kl_coef * kl
+        clipped = masked_mean((jnp.abs(ratio - 1.0) > settings.clip_eps).astype(jnp.float32), batch.weight)
+        metrics = {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": entropy, "kl": kl}
+        return total, {**metrics, "clipped": clipped}
 
-    carry, metrics = jax.lax.scan(epoch, (state.params, state.optimiser), jax.random.split(key, settings.epochs))
-    last_kl = metrics["kl"][-1].mean()
-    return State(*carry, _adapted(settings, state.kl_weight, last_kl), state.made + 1), jax.tree.map(jnp.mean, metrics)
+    @jitted(0, 4)
+    def learn(self, state: State, key: jax.Array, trajectory: Trajectory, num_scenes: int) -> tuple[State, Metrics]:
+        """See `Algorithm`; metrics are means over the minibatches."""
+        obs, batch = self.batch(trajectory, num_scenes)
+        ent_coef = self.entropy_weight(state.num_updates)
+        step = partial(self.gradient_step, lambda params, part: self.loss(params, obs, part, ent_coef, state.kl_coef))
 
+        def epoch(carry: Carry, key: jax.Array) -> tuple[Carry, Metrics]:
+            return jax.lax.scan(step, carry, self.minibatches(batch, key))
 
-def _adapted(settings: PPO, weight: jax.Array, kl: jax.Array) -> jax.Array:
-    """() the weight of the divergence for the next round: half as much again if it was too far, half if too near."""
-    farther = jnp.where(kl > 2.0 * settings.kl_target, 1.5 * weight, weight)
-    return jnp.where(kl < 0.5 * settings.kl_target, 0.5 * weight, farther)
+        keys = jax.random.split(key, self.epochs)
+        (params, opt_state), metrics = jax.lax.scan(epoch, (state.params, state.opt_state), keys)
+        kl_coef = self.adapted(state.kl_coef, metrics["kl"][-1].mean())
+        return State(params, opt_state, state.num_updates + 1, kl_coef), jax.tree.map(jnp.mean, metrics)
+
+    def adapted(self, kl_coef: jax.Array, kl: jax.Array) -> jax.Array:
+        """() weight of the divergence in the next update: 1.5 times if it was too far, half if it was too near."""
+        farther = jnp.where(kl > 2.0 * self.settings.kl_target, 1.5 * kl_coef, kl_coef)
+        return jnp.where(kl < 0.5 * self.settings.kl_target, 0.5 * kl_coef, farther)

@@ -1,66 +1,58 @@
-"""The random agent: uniform over the actions, with nothing to learn. The row that all others are compared with."""
+"""The random agent: uniform over the actions. All other agents are compared with it."""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from iphyre_jax.scenes import MAX_ELIMINABLE
-from iphyre_jax.train.collect import Decision, Trajectory
-from iphyre_jax.train.settings.run import PLANNED, TrainConfig
-
-METRICS: Final = ()
-Metrics = dict[str, jax.Array]
+from iphyre_jax.train.algos.base import Algorithm, Metrics, without_value
+from iphyre_jax.train.collect import PolicyOutput, Trajectory
+from iphyre_jax.train.settings.agents import Random
 
 
 class State(NamedTuple):
-    """All that a round changes."""
+    """All that an update changes."""
 
-    made: jax.Array  # () int32, rounds
-
-
-def init(config: TrainConfig, key: jax.Array, observation: jax.Array) -> State:
-    """The state before the first round."""
-    del config, key, observation
-    return State(jnp.zeros((), jnp.int32))
+    num_updates: jax.Array  # () int32
 
 
-@partial(jax.jit, static_argnums=(0, 3))
-def _decide(config: TrainConfig, key: jax.Array, observation: jax.Array, each: int) -> Decision:
-    observation = jnp.repeat(observation, each, axis=0)
-    nothing = jnp.zeros(observation.shape[0], jnp.float32)
-    if config.strategy in PLANNED:
-        action = jax.random.uniform(key, (observation.shape[0], MAX_ELIMINABLE), jnp.float32)
-    else:
-        action = jax.random.randint(key, (observation.shape[0],), 0, MAX_ELIMINABLE + 1, jnp.int32)
-    return Decision(action, action, nothing, nothing)
+class RandomAlgorithm(Algorithm[Random]):
+    """Learns nothing."""
 
+    @property
+    def _plans(self) -> bool:
+        """Whether actions are times."""
+        return self.config.strategy != "on-the-fly"
 
-def act(config: TrainConfig, state: State, key: jax.Array, observation: jax.Array, each: int = 1) -> Decision:
-    """So many random decisions for each observation (B, D)."""
-    del state
-    return _decide(config, key, observation, each)
+    def init(self, key: jax.Array, obs: jax.Array) -> State:
+        """See `Algorithm`."""
+        del key, obs
+        return State(jnp.zeros((), jnp.int32))
 
+    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+        """See `Algorithm`."""
+        del state
+        if self._plans:
+            action = jax.random.uniform(key, (obs.shape[0], MAX_ELIMINABLE), jnp.float32)
+        else:
+            action = jax.random.randint(key, (obs.shape[0],), 0, MAX_ELIMINABLE + 1, jnp.int32)
+        return without_value(action, action)
 
-def greedy(config: TrainConfig, state: State, observation: jax.Array) -> jax.Array:
-    """Nothing, for each observation (B, D): there is no action that it holds for best."""
-    del state
-    if config.strategy in PLANNED:
-        return jnp.zeros((observation.shape[0], MAX_ELIMINABLE), jnp.float32)
-    return jnp.zeros(observation.shape[0], jnp.int32)
+    def greedy(self, state: State, obs: jax.Array) -> jax.Array:
+        """Remove nothing, for each observation (B, D): no action is preferred."""
+        del state
+        if self._plans:
+            return jnp.zeros((obs.shape[0], MAX_ELIMINABLE), jnp.float32)
+        return jnp.zeros(obs.shape[0], jnp.int32)
 
+    def inference_state(self, state: State) -> State:
+        """See `Algorithm`."""
+        return state
 
-def acting(state: State) -> State:
-    """The state with nothing left in it but what `act` and `greedy` look at."""
-    return state
-
-
-def learn(
-    config: TrainConfig, state: State, key: jax.Array, trajectory: Trajectory, scenes: int
-) -> tuple[State, Metrics]:
-    """Nothing."""
-    del config, key, trajectory, scenes
-    return State(state.made + 1), {}
+    def learn(self, state: State, key: jax.Array, trajectory: Trajectory, num_scenes: int) -> tuple[State, Metrics]:
+        """Learn nothing."""
+        del key, trajectory, num_scenes
+        return State(state.num_updates + 1), {}

@@ -1,4 +1,4 @@
-"""Runs side by side: one row an agent, its seeds together, beside the paper's agents and people."""
+"""Runs side by side: one row for the seeds of an agent, beside the paper's agents and people."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from rich.table import Table
 from iphyre_jax.files import read_json_object
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.evaluate import SCHEMA, VERSION
-from iphyre_jax.train.reports.report import COLUMNS, TITLES, agent_name, markdown_table, paper_name, paper_numbers
+from iphyre_jax.train.evaluate import READABLE, SCHEMA, VERSION
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, runs
@@ -52,10 +52,10 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset, action head, observation, the network if it is not a perceptron, whether on variations."""
+        """Agent, preset, action head, observation, the network unless it is an MLP, whether on variations."""
         config = self.config
-        parts = [f"{paper_name(config)} {config.preset}", config.head, config.observation]
-        parts += [config.network] if config.network != "perceptron" else []
+        parts = [f"{config.paper_name} {config.preset}", config.head, config.observation]
+        parts += [config.network] if config.network != "mlp" else []
         return ", ".join([*parts, *(["varied"] if config.variations else [])])
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
@@ -74,21 +74,21 @@ def read(path: Path) -> Evaluated:
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
     content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
+    if content.get("schema") != SCHEMA or content.get("version") not in READABLE:
         raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
     return Evaluated(path, config, {game["game"]: game for game in content["games"]})
 
 
-def rows(found: Sequence[Evaluated]) -> list[Row]:
-    """Runs whose settings differ in nothing but the seed make one row, in the order given.
+def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
+    """One row for all runs whose settings differ only in the seed, in the order given.
 
     Raises:
-        ValueError: one line; there are none, two are of one seed, or rates differ.
+        ValueError: one line; there are no runs, two have the same seed, or rates differ.
     """
-    if not found:
+    if not evaluated:
         raise ValueError("runs: expected at least one run folder")
     groups: dict[TrainConfig, list[Evaluated]] = {}
-    for run in found:
+    for run in evaluated:
         groups.setdefault(dataclasses.replace(run.config, seed=0), []).append(run)
     rates = sorted({config.fps for config in groups})
     if len(rates) > 1:
@@ -96,29 +96,29 @@ def rows(found: Sequence[Evaluated]) -> list[Row]:
     for members in groups.values():
         seeds = [run.config.seed for run in members]
         if len(set(seeds)) < len(seeds):
-            raise ValueError(f"runs: expected different seeds of {agent_name(members[0].config)}, got {seeds}")
+            raise ValueError(f"runs: expected different seeds of {members[0].config.agent_name}, got {seeds}")
     return [Row(members[0].config, tuple(members)) for members in groups.values()]
 
 
-def _text(found: Summary | None, success: Summary | None) -> str:
-    """Mean and success, interval, interquartile mean in one cell."""
-    if found is None or success is None:
+def _cell(reward: Summary | None, success: Summary | None) -> str:
+    """Mean reward, success, interval and interquartile mean in one cell."""
+    if reward is None or success is None:
         return "-"
-    spread = "" if np.isnan(found.low) else f" [{found.low:.0f}, {found.high:.0f}]"
-    return f"{found.mean:.1f} {100 * success.mean:.0f}%{spread} iqm {found.iqm:.0f}"
+    spread = "" if np.isnan(reward.low) else f" [{reward.low:.0f}, {reward.high:.0f}]"
+    return f"{reward.mean:.1f} {100 * success.mean:.0f}%{spread} iqm {reward.iqm:.0f}"
 
 
-def table(found: Sequence[Row], kind: str) -> list[list[str]]:
-    """Cells of a table: name, seeds, splits; our rows, then the paper's people, oracle and, at 10 fps, same agents."""
+def table(agents: Sequence[Row], kind: str) -> list[list[str]]:
+    """Cells of a table (name, seeds, splits): ours, then the paper's people, oracle and, at 10 fps, its agents."""
     cells = []
-    for row in found:
-        each = [_text(row.summary(kind, split), row.summary(kind, split, "success")) for split in COLUMNS]
+    for row in agents:
+        each = [_cell(row.summary(kind, split), row.summary(kind, split, "success")) for split in COLUMNS]
         cells.append([row.name, str(len(row.seeds)), *each])
-    same = [paper_name(row.config) for row in found if row.config.fps == OFFICIAL_FPS]
-    names = dict.fromkeys(["Human", "Oracle", *same])
+    same = [row.config.paper_name for row in agents if row.config.fps == OFFICIAL_FPS]
+    paper, names = paper_numbers()["agents"], dict.fromkeys(["Human", "Oracle", *same])
     for name in names:
-        if name in (agents := paper_numbers()["agents"]):
-            each = [f"{agents[name][split][0]:.1f} {agents[name][split][1]:.0f}%" for split in COLUMNS]
+        if name in paper:
+            each = [f"{paper[name][split][0]:.1f} {paper[name][split][1]:.0f}%" for split in COLUMNS]
             cells.append([f"paper: {name}", "-", *each])
     return cells
 
@@ -126,9 +126,9 @@ def table(found: Sequence[Row], kind: str) -> list[list[str]]:
 HEADER: Final = ("agent", "seeds", *(TITLES[split] for split in COLUMNS))
 
 
-def markdown(found: Sequence[Row]) -> str:
+def markdown(agents: Sequence[Row]) -> str:
     """Tables of greedy and sampled rewards as Markdown."""
-    parts = [f"### {kind.capitalize()} actions\n\n{markdown_table(HEADER, table(found, kind))}" for kind in KINDS]
+    parts = [f"### {kind.capitalize()} actions\n\n{markdown_table(HEADER, table(agents, kind))}" for kind in KINDS]
     return "\n\n".join(parts) + "\n"
 
 
@@ -138,19 +138,19 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
     Raises:
         FileNotFoundError, ValueError: one line.
     """
-    found = rows([read(path) for path in paths])
+    agents = rows([read(path) for path in paths])
     for kind in KINDS:
-        shown = Table(title=f"{kind.capitalize()} actions, {found[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
+        shown = Table(title=f"{kind.capitalize()} actions, {agents[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
         for title in HEADER:
             shown.add_column(title, min_width=5 if title == "seeds" else 9)
-        for cells in table(found, kind):
+        for cells in table(agents, kind):
             shown.add_row(*cells)
         console.print(shown)
     console.print("Mean over seeds and share solved, [95 % bootstrap interval], interquartile mean.")
     if curves is not None:
-        draw_curves(curves, found)
+        draw_curves(curves, agents)
     if bars is not None:
-        draw_bars(bars, found, "sampled")
+        draw_bars(bars, agents, "sampled")
 
 
 def _colour(k: int) -> tuple[float, float, float, float]:
@@ -159,11 +159,11 @@ def _colour(k: int) -> tuple[float, float, float, float]:
     return red, green, blue, alpha
 
 
-def draw_curves(path: Path, found: Sequence[Row]) -> None:
-    """Learning curves: mean over seeds of each round's reward against decisions, with the range of the seeds."""
+def draw_curves(path: Path, agents: Sequence[Row]) -> None:
+    """Learning curves: mean over seeds of each update's reward against decisions, with the range of the seeds."""
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
-    for k, row in enumerate(found):
+    for k, row in enumerate(agents):
         lines = [logs.read(seed.path) for seed in row.seeds]
         length = min(len(each) for each in lines)
         if length < 2:
@@ -178,17 +178,17 @@ def draw_curves(path: Path, found: Sequence[Row]) -> None:
     figure.savefig(path)
 
 
-def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
+def draw_bars(path: Path, agents: Sequence[Row], kind: str) -> None:
     """Rewards by split as bars, one colour an agent, with the paper's people as a line over each split."""
     figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
     axes, splits = figure.add_subplot(), COLUMNS[:-1]
-    width = 0.85 / len(found)
-    for k, row in enumerate(found):
+    width = 0.85 / len(agents)
+    for k, row in enumerate(agents):
         summaries = [row.summary(kind, split) for split in splits]
         heights = [each.mean if each else 0.0 for each in summaries]
         low = [each.mean - each.low if each and each.seeds > 1 else 0.0 for each in summaries]
         high = [each.high - each.mean if each and each.seeds > 1 else 0.0 for each in summaries]
-        places = np.arange(len(splits)) + (k - (len(found) - 1) / 2) * width
+        places = np.arange(len(splits)) + (k - (len(agents) - 1) / 2) * width
         bars: dict[str, Any] = {"color": _colour(k), "error_kw": {"linewidth": 0.7}, "label": row.name}
         axes.bar(places, heights, width, yerr=[low, high], **bars)
     for k, split in enumerate(splits):
@@ -196,7 +196,7 @@ def draw_bars(path: Path, found: Sequence[Row], kind: str) -> None:
         axes.hlines(human, k - 0.45, k + 0.45, color="black", linestyle="--", linewidth=1)
     axes.plot([], [], color="black", linestyle="--", label="paper: Human (60 fps, best of five)")
     axes.set_xticks(range(len(splits)), [TITLES[split] for split in splits])
-    axes.set(ylabel=f"mean reward, {kind} actions, {found[0].config.fps} fps")
+    axes.set(ylabel=f"mean reward, {kind} actions, {agents[0].config.fps} fps")
     axes.grid(axis="y", alpha=0.3)
     figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
     figure.savefig(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from iphyre_jax.train.reports.report import agent_name, paper_name, paper_numbers, training_name
+from iphyre_jax.train.reports.report import paper_numbers, training_name
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage.logs import read
 
@@ -14,7 +14,7 @@ FILE = "curve.png"
 
 
 def draw_curve(run: Path, config: TrainConfig) -> None:
-    """Draw what metrics.csv of a run holds into its curve.png."""
+    """Draw the metrics.csv of a run into its curve.png."""
     lines = read(run)
     episodes = [int(line["episodes"]) for line in lines]
     greedy = [(int(line["episodes"]), float(line["greedy_reward"])) for line in lines if line["greedy_reward"]]
@@ -25,12 +25,12 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
         axes.plot(*zip(*greedy, strict=True), color="tab:orange", marker="o", markersize=3, label="greedy")
     reference = paper_numbers()["agents"]
     if not config.games and config.split in reference["Human"]:
-        for name, rate, style in ((paper_name(config), 10, "--"), ("Human", 60, ":")):
+        for name, rate, style in ((config.paper_name, 10, "--"), ("Human", 60, ":")):
             if name in reference:
                 reward = reference[name][config.split][0]
                 label = f"paper: {name} ({rate} fps), {reward:.1f}"
                 axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=label)
-    axes.set(xlabel="episodes", ylabel=f"mean reward, {training_name(config)}", title=agent_name(config))
+    axes.set(xlabel="episodes", ylabel=f"mean reward, {training_name(config)}", title=config.agent_name)
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
     figure.savefig(run / FILE)

@@ -37,31 +37,13 @@ def paper_numbers() -> Mapping[str, Any]:
     return numbers
 
 
-ALGORITHM_NAMES = {"ppo": "PPO", "a2c": "A2C", "sac": "SAC", "ddpg": "DDPG", "dqn": "DQN", "random": "Random"}
-STRATEGY_LETTERS = {"in-advance": "I", "on-the-fly": "O", "combined": "C"}
-
-
-def paper_name(config: TrainConfig) -> str:
-    """How the paper calls the agent: PPO-I, Random."""
-    algorithm = ALGORITHM_NAMES[config.agent]
-    return algorithm if config.agent == "random" else f"{algorithm}-{STRATEGY_LETTERS[config.strategy]}"
-
-
-def agent_name(config: TrainConfig) -> str:
-    """How results name the agent: algorithm, strategy, preset, what it sees, action head, rate, seed."""
-    return (
-        f"{ALGORITHM_NAMES[config.agent]} {config.strategy}, {config.preset} preset, {config.observation} observation, "
-        f"{config.head} head, {config.fps} fps, seed {config.seed}"
-    )
-
-
 def training_name(config: TrainConfig) -> str:
-    """How results name what was trained on."""
+    """The training games' name in results."""
     return ", ".join(config.games) if config.games else f"{TITLES[config.split]} split"
 
 
 def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
-    """This run's two rows, greedy and sampled, then the paper's humans, oracle and agents."""
+    """Two rows of this run, greedy and sampled, then the paper's humans, oracle and agents."""
     whole = {"all"} if set(COLUMNS[:-1]) <= set(evaluation.splits) else set()
     for kind in ("greedy", "sampled"):
         cells = []
@@ -91,13 +73,13 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
     """The whole report as Markdown.
 
     Args:
-        evaluation: what was played.
+        evaluation: of the policy.
         config: of the run.
-        facts: further lines of the head, name -> value (device, commit, versions, ...).
+        facts: further lines of the first table, name -> value (device, commit, versions, ...).
     """
     paper = paper_numbers()
     settings = {
-        "agent": agent_name(config),
+        "agent": config.agent_name,
         "trained on": f"{training_name(config)}, {config.fps} physics steps a second, reset {config.resets}",
         "physics": config.dtype,
         "actions": f"greedy: one episode a game; sampled: {config.sampled_episodes} episodes a game",
@@ -119,7 +101,7 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
 
 
 def _fact(value: object) -> str:
-    """A value of the head in one cell."""
+    """A fact in one cell."""
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {version}" for name, version in value.items())
     return "unknown" if value is None else str(value)

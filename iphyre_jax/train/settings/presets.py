@@ -1,219 +1,184 @@
-"""Settings by agent, strategy and preset.
+"""What the trainer knows of each agent before it runs: its settings class, heads, and presets by strategy.
 
 "default" is ours, chosen on the basic split, on jittered copies of it and on the unseen basic layouts only.
 
-"paper" is the paper's and the official code's effective settings (RLlib's defaults where the code sets nothing), as far
-as they can be said. What is different: all episodes of a round are whole and begin together; replay is uniform where
-RLlib's is prioritised; DDPG's noise is not correlated in time, which in advance has no meaning; alpha, and with it the
-entropy target of discrete SAC, is in units of 1000 points; rewards of failed episodes are never bootstrapped.
+"paper" follows the paper and the official code (RLlib's defaults where that code sets nothing). It differs in this: all
+episodes of an update are whole and begin together; replay is uniform, RLlib's is prioritised; DDPG's noise is not
+correlated in time, which has no meaning in advance; alpha and the entropy target of discrete SAC are in units of 1000
+points; rewards of failed episodes are never bootstrapped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from iphyre_jax.envs.strategies import StrategyName
-from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, AgentName, Random
-from iphyre_jax.train.settings.run import PresetName, TrainConfig
+from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, AgentName, HeadName, Random, Settings
 
-Key = tuple[AgentName, StrategyName]
-Table = Mapping[Key, Mapping[str, Any]]
+PresetName = Literal["default", "paper"]
+Preset = Mapping[StrategyName, Mapping[str, Any]]  # fields of TrainConfig that differ from its defaults
 
-_FLY: Final[dict[str, Any]] = {
-    "observation": "motion",
-    "head": "categorical",
-    "hidden": (128, 128),
-    "episodes_per_scene": 32,
-}
-_CRITIC: Final[dict[str, Any]] = {"critic": True, "rows": 8192, "discount": 1.0, "trace": 0.95}
-_EXPLORING: Final[dict[str, Any]] = {"entropy": 0.15, "std_floor": 10.0}  # or it removes blocks that might stay
 
-DEFAULT: Final[Table] = MappingProxyType(
-    {
-        ("ppo", "in-advance"): {"learner": PPO()},
-        ("ppo", "combined"): {"learner": PPO(rows=1024, epochs=8), "episodes_per_scene": 64, "updates": 50},
-        ("ppo", "on-the-fly"): _FLY | {"learner": PPO(**_CRITIC, learning_rate=1e-3, entropy=0.003), "updates": 60},
-        ("a2c", "in-advance"): {"learner": A2C(**_EXPLORING), "episodes_per_scene": 32, "updates": 300},
-        ("a2c", "combined"): {
-            "learner": A2C(**_EXPLORING, rows=512),
-            "episodes_per_scene": 32,
-            "updates": 300,
-        },
-        ("a2c", "on-the-fly"): _FLY | {"learner": A2C(**_CRITIC, entropy=0.003, minibatches=16), "updates": 40},
-        ("sac", "in-advance"): {
-            "head": "squashed",
-            "activation": "relu",
-            "hidden": (128, 128),
-            "episodes_per_scene": 32,
-            "learner": SAC(learning_rate=1e-3),
-        },
-        ("sac", "combined"): {
-            "head": "squashed",
-            "activation": "relu",
-            "hidden": (128, 128),
-            "episodes_per_scene": 32,
-            "updates": 100,
-            "learner": SAC(learning_rate=1e-3),
-        },
-        ("sac", "on-the-fly"): _FLY
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 8,
-            "updates": 40,
-            "learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01),
-        },
-        ("ddpg", "in-advance"): {
-            "head": "point",
-            "activation": "relu",
-            "hidden": (128, 128),
-            "episodes_per_scene": 32,
-            "updates": 60,
-            "learner": DDPG(learning_rate=1e-3, noise_rounds=40),
-        },
-        ("dqn", "on-the-fly"): _FLY
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 8,
-            "learner": DQN(n_step=10, idle=0.9, epsilon_end=0.01, epsilon_rounds=25),
-            "updates": 40,
-        },
-        ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
-        | {"head": "categorical", "observation": "motion"},  # of which it looks at nothing
-    }
-)
+@dataclass(frozen=True)
+class AgentSpec:
+    """An agent; `algos/registry.py` adds its algorithm."""
 
-_RLLIB_PPO: Final[dict[str, Any]] = {
+    title: str  # in tables
+    settings: type[Settings]
+    default: Preset  # its keys are the strategies that the agent can use
+    paper: Preset
+    plan_heads: tuple[HeadName, ...] = ("time_grid", "gaussian")  # where actions are times
+
+    @property
+    def strategies(self) -> tuple[StrategyName, ...]:
+        """The strategies that the agent can use."""
+        return tuple(self.default)
+
+    def heads(self, strategy: StrategyName) -> tuple[HeadName, ...]:
+        """The action heads that the agent can use."""
+        return ("categorical", "uniform") if strategy == "on-the-fly" else self.plan_heads
+
+    def presets(self, name: PresetName) -> Preset:
+        """A preset of each strategy."""
+        return self.default if name == "default" else self.paper
+
+
+_FLY: Final[dict[str, Any]] = {"observation": "motion", "head": "categorical", "hidden_sizes": (128, 128)}
+_CRITIC: Final[dict[str, Any]] = {"critic": True, "samples_per_update": 8192, "ent_coef": 0.003}
+_EXPLORING: Final[dict[str, Any]] = {"ent_coef": 0.15, "std_floor": 10.0}  # else it removes blocks that might stay
+_SMALL: Final[dict[str, Any]] = {"activation": "relu", "hidden_sizes": (128, 128), "episodes_per_scene": 32}
+_SQUASHED: Final[dict[str, Any]] = {"activation": "relu", "head": "tanh_normal"}
+_RLLIB: Final[dict[str, Any]] = {"anneal_lr": False, "critic": True, "gamma": 0.99, "gae_lambda": 1.0}
+_RLLIB_A2C: Final[dict[str, Any]] = _RLLIB | {"max_grad_norm": 40.0, "normalize_advantage": "none"}
+_RLLIB_PPO: Final[dict[str, Any]] = _RLLIB | {
     "learning_rate": 1e-6,
-    "anneal": False,
     "max_grad_norm": 1e9,
+    "minibatches": 32,
     "epochs": 30,
-    "clip": 0.3,
-    "entropy": 0.0,
-    "critic": True,
-    "value_weight": 1.0,
+    "clip_eps": 0.3,
+    "ent_coef": 0.0,
+    "vf_coef": 1.0,
     "value_clip": 10.0 / 1000.0**2,
-    "kl_weight": 0.2,
-    "kl_target": 0.01,
-    "discount": 0.99,
-    "trace": 1.0,
-    "normalise": "batch",
+    "kl_coef": 0.2,
+    "normalize_advantage": "batch",
     "std_floor": 1e-6,
 }
-_RLLIB_A2C: Final[dict[str, Any]] = {
-    "anneal": False,
-    "max_grad_norm": 40.0,
-    "entropy": 0.01,
-    "critic": True,
-    "value_weight": 0.5,
-    "discount": 0.99,
-    "trace": 1.0,
-    "normalise": "none",
-}
-_EVEN: Final[dict[str, Any]] = {"head": "even", "episodes_per_scene": 4}
+_PAPER_SAC: Final[dict[str, Any]] = {"warmup": 1500, "alpha": 1e-3, "gamma": 0.99}
+_PAPER_DDPG: Final = DDPG(
+    learning_rate=1e-3,
+    actor_lr=1e-3,
+    buffer_size=50_000,
+    gradient_steps=1000,
+    tau=0.002,
+    noise=0.1,
+    noise_end=0.002,
+    noise_updates=10,
+    random_updates=1,
+    gamma=0.99,
+)
+_PAPER_DQN: Final = DQN(
+    learning_rate=1e-6,
+    buffer_size=50_000,
+    batch_size=32,
+    gradient_steps=1000,
+    epsilon_updates=3,
+    gamma=0.99,
+    samples_per_update=4000,
+)
+_RANDOM: Final = {"learner": Random(), "updates": 1, "episodes_per_scene": 2}
 
-PAPER: Final[Table] = MappingProxyType(
-    {
-        ("ppo", "in-advance"): {
-            "head": "gaussian",
-            "episodes_per_scene": 400,
-            "updates": 200,
-            "learner": PPO(**_RLLIB_PPO, minibatches=32),
-        },
-        ("ppo", "combined"): {
-            "head": "gaussian",
-            "episodes_per_scene": 160,
-            "updates": 200,
-            "learner": PPO(**_RLLIB_PPO, minibatches=32, rows=4096),
-        },
-        ("ppo", "on-the-fly"): _EVEN | {"updates": 200, "learner": PPO(**_RLLIB_PPO, minibatches=32, rows=4096)},
-        ("a2c", "in-advance"): {
-            "head": "gaussian",
-            "episodes_per_scene": 50,
-            "updates": 852,
-            "learner": A2C(**_RLLIB_A2C, minibatches=1, learning_rate=1e-5),
-        },
-        ("a2c", "combined"): {
-            "head": "gaussian",
-            "episodes_per_scene": 20,
-            "updates": 1600,
-            "learner": A2C(**_RLLIB_A2C, minibatches=1, rows=500, learning_rate=1e-5),
-        },
-        ("a2c", "on-the-fly"): _EVEN
-        | {"updates": 200, "learner": A2C(**_RLLIB_A2C, minibatches=8, rows=4000, learning_rate=1e-6)},
-        ("sac", "in-advance"): {
-            "head": "squashed",
-            "activation": "relu",
-            "episodes_per_scene": 10,
-            "updates": 570,
-            "learner": SAC(steps=100, warmup=1500, alpha=1e-3, discount=0.99, replay=60_000),
-        },
-        ("sac", "combined"): {
-            "head": "squashed",
-            "activation": "relu",
-            "episodes_per_scene": 10,
-            "updates": 320,
-            "learner": SAC(steps=250, warmup=1500, alpha=1e-3, discount=0.99, replay=80_000),
-        },
-        ("sac", "on-the-fly"): _EVEN
-        | {
-            "activation": "relu",
-            "episodes_per_scene": 2,
-            "updates": 32,
-            "learner": SAC(steps=2500, warmup=1500, alpha=1e-3, target_entropy=1.9, discount=0.99, replay=80_000),
-        },
-        ("ddpg", "in-advance"): {
-            "head": "point",
-            "activation": "relu",
-            "hidden": (400, 300),
-            "episodes_per_scene": 100,
-            "updates": 800,
-            "learner": DDPG(
-                learning_rate=1e-3,
-                actor_rate=1e-3,
-                replay=50_000,
-                steps=1000,
-                target_rate=0.002,
-                noise=0.1,
-                noise_end=0.002,
-                noise_rounds=10,
-                random_rounds=1,
-                discount=0.99,
-            ),
-        },
-        ("dqn", "on-the-fly"): _EVEN
-        | {
-            "updates": 200,
-            "learner": DQN(
-                learning_rate=1e-6, replay=50_000, batch=32, steps=1000, epsilon_rounds=3, discount=0.99, rows=4000
-            ),
-        },
-        ("random", "in-advance"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "combined"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2},
-        ("random", "on-the-fly"): {"learner": Random(), "updates": 1, "episodes_per_scene": 2, "head": "even"},
-    }
+
+def _run(learner: Settings, updates: int, episodes_per_scene: int, **others: object) -> dict[str, Any]:
+    """The fields that most presets set."""
+    return {"learner": learner, "updates": updates, "episodes_per_scene": episodes_per_scene, **others}
+
+
+_PPO: Final = AgentSpec(
+    "PPO",
+    PPO,
+    default={
+        "in-advance": {"learner": PPO()},
+        "combined": _run(PPO(samples_per_update=1024, epochs=8), 50, 64),
+        "on-the-fly": _run(PPO(**_CRITIC), 60, 32, **_FLY),
+    },
+    paper={
+        "in-advance": _run(PPO(**_RLLIB_PPO), 200, 400, head="gaussian"),
+        "combined": _run(PPO(**_RLLIB_PPO, samples_per_update=4096), 200, 160, head="gaussian"),
+        "on-the-fly": _run(PPO(**_RLLIB_PPO, samples_per_update=4096), 200, 4, head="uniform"),
+    },
+)
+_A2C: Final = AgentSpec(
+    "A2C",
+    A2C,
+    default={
+        "in-advance": _run(A2C(**_EXPLORING), 300, 32),
+        "combined": _run(A2C(**_EXPLORING, samples_per_update=512), 300, 32),
+        "on-the-fly": _run(A2C(**_CRITIC, minibatches=16), 40, 32, **_FLY),
+    },
+    paper={
+        "in-advance": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5), 852, 50, head="gaussian"),
+        "combined": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5, samples_per_update=500), 1600, 20, head="gaussian"),
+        "on-the-fly": _run(
+            A2C(**_RLLIB_A2C, learning_rate=1e-6, minibatches=8, samples_per_update=4000), 200, 4, head="uniform"
+        ),
+    },
+)
+_SAC: Final = AgentSpec(
+    "SAC",
+    SAC,
+    plan_heads=("tanh_normal",),
+    default={
+        "in-advance": _SMALL | {"head": "tanh_normal", "learner": SAC(learning_rate=1e-3)},
+        "combined": _SMALL | {"head": "tanh_normal", "updates": 100, "learner": SAC(learning_rate=1e-3)},
+        "on-the-fly": _run(SAC(n_step=10, target_entropy=0.1, alpha=0.01), 40, 8, activation="relu", **_FLY),
+    },
+    paper={
+        "in-advance": _run(SAC(**_PAPER_SAC, gradient_steps=100, buffer_size=60_000), 570, 10, **_SQUASHED),
+        "combined": _run(SAC(**_PAPER_SAC, gradient_steps=250, buffer_size=80_000), 320, 10, **_SQUASHED),
+        "on-the-fly": _run(
+            SAC(**_PAPER_SAC, gradient_steps=2500, target_entropy=1.9, buffer_size=80_000),
+            32,
+            2,
+            activation="relu",
+            head="uniform",
+        ),
+    },
+)
+_DDPG: Final = AgentSpec(
+    "DDPG",
+    DDPG,
+    plan_heads=("deterministic",),
+    default={
+        "in-advance": _SMALL | {"head": "deterministic", "learner": DDPG(learning_rate=1e-3, noise_updates=40)},
+    },
+    paper={
+        "in-advance": _run(_PAPER_DDPG, 800, 100, head="deterministic", activation="relu", hidden_sizes=(400, 300)),
+    },
+)
+_DQN: Final = AgentSpec(
+    "DQN",
+    DQN,
+    default={
+        "on-the-fly": _run(
+            DQN(n_step=10, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25), 40, 8, activation="relu", **_FLY
+        ),
+    },
+    paper={"on-the-fly": _run(_PAPER_DQN, 200, 4, head="uniform")},
+)
+_RANDOM_AGENT: Final = AgentSpec(
+    "Random",
+    Random,
+    default={
+        "in-advance": _RANDOM,
+        "combined": _RANDOM,
+        "on-the-fly": _RANDOM | {"head": "categorical", "observation": "motion"},
+    },
+    paper={"in-advance": _RANDOM, "combined": _RANDOM, "on-the-fly": _RANDOM | {"head": "uniform"}},
 )
 
-PRESETS: Final[Mapping[PresetName, Table]] = MappingProxyType({"default": DEFAULT, "paper": PAPER})
-
-
-def preset(
-    agent: AgentName = "ppo", strategy: StrategyName = "in-advance", name: PresetName = "default"
-) -> TrainConfig:
-    """The settings of a preset.
-
-    Raises:
-        ValueError: one line; there is no such preset, or no such agent for the strategy.
-    """
-    if name not in PRESETS:
-        raise ValueError(f"preset: expected one of {', '.join(PRESETS)}, got {name!r}")
-    table = PRESETS[name]
-    if (agent, strategy) not in table:
-        known = ", ".join(f"{one} {other}" for one, other in table)
-        raise ValueError(f"agent, strategy: expected one of {known}; got {agent} {strategy}")
-    base = TrainConfig(agent=agent, strategy=strategy, preset=name, centred=name == "default")
-    return replace(base, **table[agent, strategy])
+AGENTS: Final[Mapping[AgentName, AgentSpec]] = MappingProxyType(
+    {"ppo": _PPO, "a2c": _A2C, "sac": _SAC, "ddpg": _DDPG, "dqn": _DQN, "random": _RANDOM_AGENT}
+)

@@ -1,4 +1,4 @@
-"""Logs of a run: metrics.csv always, TensorBoard files if wanted; a line is there before the next round begins."""
+"""Logs of a run: metrics.csv always, TensorBoard files on request. Each update's line is written at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.files import replace_text
-from iphyre_jax.train.trainer import Line
+from iphyre_jax.train.trainer import Metrics
 
 FILE: Final = "metrics.csv"
 TENSORBOARD: Final = "tensorboard"
@@ -24,14 +24,14 @@ def _text(values: Sequence[object]) -> str:
 
 
 def _cell(value: float | None) -> str:
-    """A number in a cell; nothing for one that was not measured."""
+    """A number in a cell; nothing for None, which was not measured."""
     if value is None:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def read(run: Path) -> list[dict[str, str]]:
-    """The whole lines of a run's metrics.csv; one that a kill has cut off is left out.
+    """The complete lines of a run's metrics.csv; a line that a kill has cut short is left out.
 
     Raises:
         FileNotFoundError: there is none.
@@ -45,32 +45,32 @@ class Log:
     """The open logs of a run."""
 
     def __init__(self, run: Path, columns: Sequence[str], update: int, *, tensorboard: bool) -> None:
-        """Begin the logs, or go on after so many rounds: later lines are cut off, for they will be written again."""
+        """Begin the logs, or continue after so many updates; later lines are removed, they will be written again."""
         self._file = run / FILE
         self._columns = tuple(columns)
         kept = [line for line in read(run) if int(line["update"]) <= update] if self._file.exists() else []
         text = _text(self._columns) + "".join(_text([line[name] for name in self._columns]) for line in kept)
         replace_text(self._file, text)
-        self._board: Any = _board(run / TENSORBOARD, update) if tensorboard else None
+        self._summary_writer: Any = _summary_writer(run / TENSORBOARD, update) if tensorboard else None
 
-    def add(self, line: Line) -> None:
-        """Append a line."""
+    def add(self, metrics: Metrics) -> None:
+        """Append the metrics of an update."""
         with self._file.open("a", encoding="utf-8") as file:
-            file.write(_text([_cell(line[name]) for name in self._columns]))
-        if self._board is not None:
-            for name, value in line.items():
+            file.write(_text([_cell(metrics[name]) for name in self._columns]))
+        if self._summary_writer is not None:
+            for name, value in metrics.items():
                 if value is not None:
-                    self._board.add_scalar(name, value, line["update"])
-            self._board.flush()
+                    self._summary_writer.add_scalar(name, value, metrics["update"])
+            self._summary_writer.flush()
 
     def close(self) -> None:
         """Close what is open."""
-        if self._board is not None:
-            self._board.close()
+        if self._summary_writer is not None:
+            self._summary_writer.close()
 
 
-def _board(folder: Path, update: int) -> Any:  # noqa: ANN401 - tensorboardX has no types
-    """A writer of TensorBoard files that takes the place of what came after so many rounds.
+def _summary_writer(folder: Path, update: int) -> Any:  # noqa: ANN401 - tensorboardX has no types
+    """A writer of TensorBoard files that replaces what came after so many updates.
 
     Raises:
         ValueError: one line; the extra is missing.

@@ -1,10 +1,10 @@
 """Trained policies that ship with the package: the best seed of each row of docs/results.md.
 
-Each is two files of `weights/`, which are data and run no code when loaded:
+Each is two files of `weights/`. They are data and run no code when loaded:
 
-NAME.npz    the arrays that `act` and `greedy` look at, in float16
-NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was trained, and the scores of these very
-            weights, which evaluating them again must give
+NAME.npz    the arrays that inference needs, in float16
+NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was trained, and the scores of these
+            weights, which a new evaluation must reproduce
 
 `make results` writes them; `iphyre-jax evaluate NAME` plays one and compares.
 """
@@ -28,13 +28,16 @@ import numpy as np
 from iphyre_jax.files import read_json_object, replace_bytes, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.algos.registry import State, algorithm, init
+from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.evaluate import Evaluation
-from iphyre_jax.train.reports.report import agent_name
-from iphyre_jax.train.settings.run import TrainConfig, config_from_json
+from iphyre_jax.train.settings import old_names
+from iphyre_jax.train.settings.codec import config_from_json
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage.checkpoint import named_arrays
 
 SCHEMA: Final = "iphyre_jax/pretrained"
-VERSION: Final = 1
+VERSION: Final = 2  # version 1 has the names of `old_names`
 WEIGHTS: Final = Path(str(files("iphyre_jax.train").joinpath("weights")))
 PLAYED: Final = (*GAMES, *SPLITS["unseen_basic"])  # games of the scores
 
@@ -45,8 +48,8 @@ class Pretrained:
 
     Attributes:
         name: of the policy, as in docs/results.md: "ppo-i".
-        config: settings of its training; strategy, observation and rate say where it can play.
-        state: of its algorithm, for `act` and `greedy`; it cannot learn on.
+        config: settings of its training; strategy, observation and rate decide where it can play.
+        state: of its algorithm, for inference only.
         scores: "splits" and "games" of its evaluation, as in evaluation.json.
         origin: how the seed was chosen and where it was trained.
     """
@@ -58,16 +61,16 @@ class Pretrained:
     origin: Mapping[str, Any]
 
     def greedy(self, observation: jax.Array) -> jax.Array:
-        """The action held for best for each observation (B, D), as the strategy's environment takes it."""
-        return algorithm(self.config).greedy(self.config, self.state, observation)
+        """The preferred action for each observation (B, D), as the strategy's environment takes it."""
+        return algorithm(self.config).greedy(self.state, observation)
 
     def act(self, key: jax.Array, observation: jax.Array) -> jax.Array:
-        """An action as the agent plays to learn, for each observation (B, D)."""
-        return algorithm(self.config).act(self.config, self.state, key, observation).action
+        """A sampled action for each observation (B, D), as the agent plays to learn."""
+        return algorithm(self.config).sample_action(self.state, key, observation).action
 
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
-    """The policies that there are."""
+    """The names of the policies."""
     return tuple(sorted(file.stem for file in folder.glob("*.npz")))
 
 
@@ -75,21 +78,23 @@ def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
     """A trained policy of the package, or of another folder.
 
     Raises:
-        ValueError: one line; there is none of that name, or its files are damaged.
+        ValueError: one line; the name is unknown, or its files are damaged.
     """
     described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
     if not (described.is_file() and arrays.is_file()):
         raise ValueError(f"pretrained: expected one of {', '.join(names(folder)) or 'none'}; got {name!r}")
-    content, raw = _described(described), arrays.read_bytes()
+    content, raw = _description(described), arrays.read_bytes()
     if hashlib.sha256(raw).hexdigest() != content["sha256"]:
         raise ValueError(f"{arrays}: damaged: it does not have the SHA-256 sum of {described.name}")
-    config = config_from_json(content["settings"], described)
-    return Pretrained(name, config, _state(config, raw, arrays), content["scores"], content["origin"])
+    old = content["version"] == 1
+    config = config_from_json(content["settings"], described, old=old)
+    return Pretrained(name, config, _state(config, raw, arrays, old=old), content["scores"], content["origin"])
 
 
 def rounded(config: TrainConfig, state: State) -> State:
-    """What is left of an algorithm's state when it is kept: what `act` and `greedy` look at, as float16 holds it."""
-    return jax.tree.map(lambda leaf: jnp.asarray(_stored(leaf), leaf.dtype), algorithm(config).acting(state))
+    """Reduce the state of an algorithm to what inference needs, rounded to float16."""
+    inference = algorithm(config).inference_state(state)
+    return jax.tree.map(lambda leaf: jnp.asarray(_stored(leaf), leaf.dtype), inference)
 
 
 def save_pretrained(
@@ -101,16 +106,16 @@ def save_pretrained(
         name: of the policy.
         config: settings of its training.
         state: `rounded`.
-        scores: "splits", "games" and "faults" of the evaluation of that very state.
-        origin: JSON values that say how it was chosen and where it was trained.
+        scores: "splits", "games" and "faults" of the evaluation of this state.
+        origin: JSON values: how the policy was chosen and where it was trained.
         folder: to write into.
     """
     packed = io.BytesIO()
-    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in _named(state).items()})  # type: ignore[arg-type]
+    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in named_arrays(state).items()})  # type: ignore[arg-type]
     content = {
         "schema": SCHEMA,
         "version": VERSION,
-        "agent": agent_name(config),
+        "agent": config.agent_name,
         "settings": config.to_json(),
         "sha256": hashlib.sha256(packed.getvalue()).hexdigest(),
         "origin": {**origin, "evaluated": provenance()},
@@ -122,10 +127,10 @@ def save_pretrained(
 
 
 def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:
-    """The mean rewards of games, greedy and sampled, that are not those that a policy ships with, a line each.
+    """One line for each mean reward of a game, greedy or sampled, that differs from the policy's shipped one.
 
-    There are none on the machine and with the versions of `origin`. float32 physics and networks may round otherwise
-    elsewhere, and then a few episodes may end otherwise.
+    On the machine and with the versions of `origin` there are none. Elsewhere float32 physics and networks may round
+    differently, and a few episodes may end differently.
     """
     shipped = {game["game"]: game for game in policy.scores["games"]}
     return [
@@ -136,10 +141,10 @@ def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:
     ]
 
 
-def _described(file: Path) -> dict[str, Any]:
-    """What NAME.json says."""
+def _description(file: Path) -> dict[str, Any]:
+    """The content of NAME.json."""
     content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
+    if content.get("schema") != SCHEMA or content.get("version") not in (1, VERSION):
         raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}')
     for key in ("settings", "sha256", "origin", "scores"):
         if key not in content:
@@ -148,34 +153,28 @@ def _described(file: Path) -> dict[str, Any]:
 
 
 def _stored(leaf: jax.Array) -> np.ndarray[Any, Any]:
-    """Floats in float16, the rest as it is."""
+    """Floats as float16, other numbers unchanged."""
     array = np.asarray(leaf)
     return array.astype(np.float16) if array.dtype.kind == "f" else array
 
 
-def _named(state: State) -> dict[str, jax.Array]:
-    """Every array of a state under the path that leads to it."""
-    leaves, _ = jax.tree_util.tree_flatten_with_path(state)
-    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
-
-
-def _state(config: TrainConfig, raw: bytes, source: Path) -> State:
-    """The state that NAME.npz holds.
+def _state(config: TrainConfig, raw: bytes, source: Path, *, old: bool) -> State:
+    """The state in NAME.npz, whose arrays may have old names.
 
     Raises:
         ValueError: one line naming `source`; its arrays are not those of the settings.
     """
-    like = jax.eval_shape(lambda: algorithm(config).acting(init(config, jax.random.key(0))))
-    expected = _named(like)
+    like = jax.eval_shape(lambda: algorithm(config).inference_state(init(config, jax.random.key(0))))
+    expected = named_arrays(like)
     try:
         with np.load(io.BytesIO(raw), allow_pickle=False) as opened:
-            found = {key: opened[key] for key in opened.files}
+            arrays = {old_names.array_path(key) if old else key: opened[key] for key in opened.files}
     except (ValueError, OSError, zipfile.BadZipFile) as error:
         raise ValueError(f"{source}: expected arrays of NumPy: {error}") from None
-    for key in sorted({*expected, *found}):
-        if key not in expected or key not in found:
-            raise ValueError(f"{source}: {key}: {'not expected' if key in found else 'missing'}")
-        if found[key].shape != expected[key].shape:
-            raise ValueError(f"{source}: {key}: expected shape {expected[key].shape}, got {found[key].shape}")
-    leaves = [jnp.asarray(found[key], expected[key].dtype) for key in expected]
+    for key in sorted({*expected, *arrays}):
+        if key not in expected or key not in arrays:
+            raise ValueError(f"{source}: {key}: {'not expected' if key in arrays else 'missing'}")
+        if arrays[key].shape != expected[key].shape:
+            raise ValueError(f"{source}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
+    leaves = [jnp.asarray(arrays[key], expected[key].dtype) for key in expected]
     return jax.tree.unflatten(jax.tree.structure(like), leaves)

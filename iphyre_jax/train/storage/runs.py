@@ -1,7 +1,7 @@
-"""Run folders: what a training run leaves behind, and how it is read again.
+"""Run folders: what a training run writes, and how it is read again.
 
 config.json       settings, versions, device, commit
-metrics.csv       one line a round, written as it goes
+metrics.csv       one line an update, written at once
 checkpoints/      states of the run, the newest two (`checkpoint.py`)
 curve.png         learning curve
 evaluation.json   and evaluation.md: the trained policy's games
@@ -17,13 +17,14 @@ from typing import Any, Final
 from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
-from iphyre_jax.train.reports.report import agent_name, markdown
-from iphyre_jax.train.settings.run import TrainConfig, config_from_json
+from iphyre_jax.train.reports.report import markdown
+from iphyre_jax.train.settings.codec import config_from_json
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
-VERSION: Final = 2
+VERSION: Final = 3  # version 2 has the names of `old_names`
 CONFIG, EVALUATION = "config.json", "evaluation.json"
 
 
@@ -45,15 +46,9 @@ def create(path: Path, config: TrainConfig) -> None:
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ValueError(f"{path}: expected a new or empty folder for the run")
     path.mkdir(parents=True, exist_ok=True)
-    facts = {"started": datetime.now().astimezone().isoformat(timespec="seconds"), **provenance()}
-    content = {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "agent": agent_name(config),
-        "settings": config.to_json(),
-        **facts,
-    }
-    _write_json(path / CONFIG, content)
+    content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
+    started = datetime.now().astimezone().isoformat(timespec="seconds")
+    _write_json(path / CONFIG, {**content, "started": started, **provenance()})
 
 
 def read_config(path: Path) -> TrainConfig:
@@ -68,9 +63,9 @@ def read_config(path: Path) -> TrainConfig:
     content = read_json_object(file)
     if content.get("schema") != SCHEMA:
         raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
-    if content.get("version") != VERSION:
+    if content.get("version") not in (2, VERSION):
         raise ValueError(f"{file}: version: expected {VERSION}, got {content.get('version')!r}")
-    return config_from_json(content.get("settings"), file)
+    return config_from_json(content.get("settings"), file, old=content["version"] == 2)
 
 
 def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tuple[TrainConfig, RunState]:
@@ -83,24 +78,24 @@ def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tup
     return config, checkpoint.load(path, config, name, to_resume=to_resume)
 
 
-def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, rounds: int) -> None:
+def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, updates: int) -> None:
     """Write evaluation.json and evaluation.md into a run folder.
 
     Args:
         path: of the folder.
         config: of the run.
         evaluation: of the policy.
-        rounds: that the policy was trained for.
+        updates: that the policy was trained for.
     """
     facts = {
-        "rounds trained": f"{rounds} of {config.updates}, {rounds * config.episodes_per_update} episodes",
+        "updates trained": f"{updates} of {config.updates}, {updates * config.episodes_per_update} episodes",
         **provenance(),
     }
-    content = {"agent": agent_name(config), "settings": config.to_json(), **facts, **evaluation.to_json()}
+    content = {"agent": config.agent_name, "settings": config.to_json(), **facts, **evaluation.to_json()}
     replace_text(path / "evaluation.md", markdown(evaluation, config, facts))
     _write_json(path / EVALUATION, content)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write readable JSON; the file is whole at any moment."""
+    """Write readable JSON; at any moment the file is complete."""
     replace_text(path, json.dumps(content, indent=1) + "\n")

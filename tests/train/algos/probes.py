@@ -33,10 +33,10 @@ class Probe(NamedTuple):
 
 
 def fitted(config: TrainConfig, probe: Probe) -> TrainConfig:
-    """The configuration for a probe's games; a buffer keeps every decision of a round."""
+    """The configuration for a probe's games; a buffer keeps every decision of an update."""
     config, learner = dataclasses.replace(config, games=probe.games), config.learner
     if isinstance(learner, OffPolicy):
-        learner = dataclasses.replace(learner, rows=probe.length * config.episodes_per_update)
+        learner = dataclasses.replace(learner, samples_per_update=probe.length * config.episodes_per_update)
     return dataclasses.replace(config, learner=learner)
 
 
@@ -45,36 +45,36 @@ def observations(config: TrainConfig, probe: Probe) -> np.ndarray:
     table = observation_table(probe.games)
     if config.strategy == "on-the-fly":
         table = np.concatenate([table[:, :ROWS_SIZE], np.zeros((len(table), 2)), table[:, ROWS_SIZE:]], axis=1)
-    seen = np.repeat(table[None], probe.length + 1, axis=0)
+    obs = np.repeat(table[None], probe.length + 1, axis=0)
     if config.observation == "motion":
-        motion = np.zeros((*seen.shape[:2], MOTION_SIZE))
+        motion = np.zeros((*obs.shape[:2], MOTION_SIZE))
         motion[..., 0] = 1.0
         for k in range(probe.length):
             motion[k, :, 1 + k] = 2.0
-        seen = np.concatenate([seen, motion], axis=-1)
-    return seen.astype(np.float32)
+        obs = np.concatenate([obs, motion], axis=-1)
+    return obs.astype(np.float32)
 
 
 def play(config: TrainConfig, state: Any, key: jax.Array, probe: Probe) -> Trajectory:
-    """A round of episodes."""
+    """The episodes of an update."""
     which = np.repeat(np.arange(len(probe.games)), config.episodes_per_scene)
-    seen, good = observations(config, probe)[:, which], np.ones(len(which), bool)
-    act = partial(algorithm(config).act, config, state)
-    decisions, reward = [], []
+    obs, good = observations(config, probe)[:, which], np.ones(len(which), bool)
+    policy = partial(algorithm(config).sample_action, state)
+    outputs, reward = [], []
     for k in range(probe.length):
-        decisions.append(act(jax.random.fold_in(key, k), jnp.asarray(seen[k])))
-        action = np.asarray(decisions[-1].action)
+        outputs.append(policy(jax.random.fold_in(key, k), jnp.asarray(obs[k])))
+        action = np.asarray(outputs[-1].action)
         good = probe.judge(k, action, good)
         reward.append(probe.reward(which, k, action, good))
         if config.observation == "motion":
-            seen[k + 1, :, -MOTION_SIZE] = good
+            obs[k + 1, :, -MOTION_SIZE] = good
     done = np.zeros((probe.length, len(which)), bool)
     done[-1] = True
     return Trajectory(
-        observation=jnp.asarray(seen),
-        choice=jnp.stack([decision.choice for decision in decisions]),
-        log_prob=jnp.stack([decision.log_prob for decision in decisions]),
-        value=jnp.stack([decision.value for decision in decisions]),
+        obs=jnp.asarray(obs),
+        raw_action=jnp.stack([output.raw_action for output in outputs]),
+        log_prob=jnp.stack([output.log_prob for output in outputs]),
+        value=jnp.stack([output.value for output in outputs]),
         reward=jnp.asarray(np.stack(reward), jnp.float32),
         done=jnp.asarray(done),
         active=jnp.ones_like(jnp.asarray(done)),
@@ -88,19 +88,19 @@ def first_state(config: TrainConfig, key: jax.Array) -> Any:
 
 
 def learned(config: TrainConfig, probe: Probe) -> Any:
-    """The state after all rounds."""
+    """The state after all updates."""
     config = fitted(config, probe)
     key, start = jax.random.split(jax.random.key(config.seed))
     state = first_state(config, start)
     for update in range(config.updates):
         play_key, learn_key = jax.random.split(jax.random.fold_in(key, update))
         trajectory = play(config, state, play_key, probe)
-        state, _ = algorithm(config).learn(config, state, learn_key, trajectory, len(probe.games))
+        state, _ = algorithm(config).learn(state, learn_key, trajectory, len(probe.games))
     return state
 
 
 def greedy_actions(config: TrainConfig, probe: Probe, state: Any) -> np.ndarray:
     """(length, games, ...) greedy actions; seconds where they are times."""
-    seen = jnp.asarray(observations(config, probe))
-    actions = np.stack([np.asarray(algorithm(config).greedy(config, state, seen[k])) for k in range(probe.length)])
+    obs = jnp.asarray(observations(config, probe))
+    actions = np.stack([np.asarray(algorithm(config).greedy(state, obs[k])) for k in range(probe.length)])
     return 15 * actions if actions.ndim == 3 else actions

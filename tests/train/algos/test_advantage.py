@@ -5,14 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.train.algos.advantage import advantages, gae, normalised
+from iphyre_jax.train.algos.advantage import advantages, gae, normalize
 from iphyre_jax.train.algos.replay import transitions
 from iphyre_jax.train.collect import Trajectory
 from iphyre_jax.train.settings.agents import OffPolicy, PolicyGradient
 
 
 def test_gae_by_hand() -> None:
-    """discount 0.5, trace 0.5. Episode 0 has three decisions; episode 1 ends with the second.
+    """gamma 0.5, lambda 0.5. Episode 0 has three decisions; episode 1 ends with the second.
 
     Episode 0: values 1 2 4, rewards 1 0 8, done at the third.
       delta = 1 + 0.5 * 2 - 1 = 1;  0 + 0.5 * 4 - 2 = 0;  8 - 4 = 4
@@ -39,17 +39,17 @@ def test_normalised_within_scenes_by_hand() -> None:
     reward = jnp.array([[1000.0, 0.0, -15.0, -15.0, 1.0, 3.0]])
     active = jnp.ones_like(reward, bool)
     expected = [[500 / 530, -500 / 530, 0, 0, -1 / 31, 1 / 31]]
-    np.testing.assert_allclose(normalised(reward, active, 3, "scene", 30.0), expected, rtol=1e-6)
-    np.testing.assert_array_equal(normalised(reward, active, 3, "none", 30.0), reward)
+    np.testing.assert_allclose(normalize(reward, active, 3, "scene", 30.0), expected, rtol=1e-6)
+    np.testing.assert_array_equal(normalize(reward, active, 3, "none", 30.0), reward)
     values = np.array(reward)
     batch = (values - values.mean()) / (values.std() + 30)
-    np.testing.assert_allclose(normalised(reward, active, 3, "batch", 30.0), batch, rtol=1e-5)
+    np.testing.assert_allclose(normalize(reward, active, 3, "batch", 30.0), batch, rtol=1e-5)
 
 
 def test_what_was_not_there_does_not_count() -> None:
     """Two decisions of two episodes; the second of the second was not there: mean of 1, 2 and 6 is 3."""
     advantage, active = jnp.array([[1.0, 2.0], [6.0, 100.0]]), jnp.array([[True, True], [True, False]])
-    found = normalised(advantage, active, 1, "scene", 0.0)
+    found = normalize(advantage, active, 1, "scene", 0.0)
     std = np.std([1.0, 2.0, 6.0])
     np.testing.assert_allclose(found[0], [-2 / std, -1 / std], rtol=1e-5)
     np.testing.assert_allclose(found[1, 0], 3 / std, rtol=1e-5)
@@ -61,34 +61,34 @@ def trajectory(reward: list[float], done_at: int) -> Trajectory:
     done, active = np.zeros((length, 1), bool), np.zeros((length, 1), bool)
     done[done_at], active[: done_at + 1] = True, True
     zeros = jnp.zeros((length, 1))
-    seen = jnp.arange(length + 1, dtype=jnp.float32).reshape(-1, 1, 1)
+    obs = jnp.arange(length + 1, dtype=jnp.float32).reshape(-1, 1, 1)
     paid = jnp.array(reward, jnp.float32)[:, None]
-    return Trajectory(seen, zeros, zeros, zeros, paid, jnp.asarray(done), jnp.asarray(active))
+    return Trajectory(obs, zeros, zeros, zeros, paid, jnp.asarray(done), jnp.asarray(active))
 
 
 def test_advantages_are_in_thousands_of_points() -> None:
-    settings = PolicyGradient(normalise="none", trace=1.0)
+    settings = PolicyGradient(normalize_advantage="none", gae_lambda=1.0)
     found, target = advantages(settings, trajectory([-10.0, 0.0, 1000.0], 2), 1)
     np.testing.assert_allclose(found[:, 0], [0.99, 1.0, 1.0], rtol=1e-6)
     np.testing.assert_allclose(target, found)
 
 
 def test_transitions_of_two_decisions_by_hand() -> None:
-    """discount 0.5, n = 2, rewards 1 2 4 in thousands, the third decision is the last, a fourth is not there.
+    """gamma 0.5, n = 2, rewards 1 2 4 in thousands, the third decision is the last, a fourth is not there.
 
     From 0: 1 + 0.5 * 2 = 2, then 0.25 of what is seen at 2. From 1: 2 + 0.5 * 4 = 4, nothing follows.
     From 2: 4, nothing follows.
     """
-    settings = OffPolicy(discount=0.5, n_step=2)
+    settings = OffPolicy(gamma=0.5, n_step=2)
     found = transitions(settings, trajectory([1000.0, 2000.0, 4000.0, 0.0], 2))
     np.testing.assert_allclose(found.reward[:3], [2.0, 4.0, 4.0])
     np.testing.assert_allclose(found.discount[:3], [0.25, 0.0, 0.0])
-    np.testing.assert_allclose(found.following[:, 0], [2.0, 3.0, 4.0, 4.0])
+    np.testing.assert_allclose(found.next_obs[:, 0], [2.0, 3.0, 4.0, 4.0])
     np.testing.assert_array_equal(found.weight, [1.0, 1.0, 1.0, 0.0])
 
 
 def test_one_step_transitions_are_the_plain_ones() -> None:
-    found = transitions(OffPolicy(discount=0.9), trajectory([100.0, 200.0], 1))
+    found = transitions(OffPolicy(gamma=0.9), trajectory([100.0, 200.0], 1))
     np.testing.assert_allclose(found.reward, [0.1, 0.2])
     np.testing.assert_allclose(found.discount, [0.9, 0.0])
-    np.testing.assert_allclose(found.following[:, 0], [1.0, 2.0])
+    np.testing.assert_allclose(found.next_obs[:, 0], [1.0, 2.0])

@@ -13,20 +13,20 @@ from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.train.algos.distributions import (
     HEADS,
-    SLOTS,
+    INSTANTS,
     CategoricalHead,
+    DeterministicHead,
     GaussianHead,
-    HeadName,
-    PointHead,
-    SlotHead,
-    SquashedHead,
+    TanhNormalHead,
+    TimeGridHead,
     action_head,
-    one_after_the_other,
+    distinct_instants,
 )
+from iphyre_jax.train.settings.agents import HeadName
 
 ALL = jnp.ones(6, bool)
 TWO = jnp.array([True, True, False, False, False, False])
-SAMPLED = ("slots", "gaussian", "squashed", "categorical", "even")
+SAMPLED = ("time_grid", "gaussian", "tanh_normal", "categorical", "uniform")
 
 
 def of_slot_0(values: list[float], width: int) -> jax.Array:
@@ -35,18 +35,18 @@ def of_slot_0(values: list[float], width: int) -> jax.Array:
 
 
 def test_slot_head_starts_at_its_prior() -> None:
-    head = SlotHead(never=0.25, scale=4.0)
-    choices = jnp.tile(jnp.arange(SLOTS)[:, None], (1, 6))
-    only = jnp.zeros((SLOTS, 6), bool).at[:, 0].set(True)
-    probability = np.exp(head.log_prob(jnp.zeros((SLOTS, *head.shape)), choices, only))
-    weight = np.exp(-np.arange(1, SLOTS) / 10 / 4.0)
+    head = TimeGridHead(never=0.25, scale=4.0)
+    raw_actions = jnp.tile(jnp.arange(INSTANTS)[:, None], (1, 6))
+    only = jnp.zeros((INSTANTS, 6), bool).at[:, 0].set(True)
+    probability = np.exp(head.log_prob(jnp.zeros((INSTANTS, *head.shape)), raw_actions, only))
+    weight = np.exp(-np.arange(1, INSTANTS) / 10 / 4.0)
     np.testing.assert_allclose(probability[0], 0.25, rtol=1e-5)
     np.testing.assert_allclose(probability[1:], 0.75 * weight / weight.sum(), rtol=1e-4)
 
 
 def test_slot_entropy_by_hand() -> None:
     """Two instants are left with half the mass each, in every slot: ln 2 a slot."""
-    head = SlotHead()
+    head = TimeGridHead()
     outputs = jnp.full(head.shape, -60.0) - head._log_prior()[None]
     outputs = outputs.at[:, 3].add(60.0).at[:, 7].add(60.0)
     np.testing.assert_allclose(head.entropy(outputs, ALL), math.log(2), rtol=1e-5)
@@ -54,7 +54,7 @@ def test_slot_entropy_by_hand() -> None:
 
 
 def test_only_slots_with_a_block_count() -> None:
-    head = SlotHead(never=0.25)
+    head = TimeGridHead(never=0.25)
     outputs, never = jnp.zeros(head.shape), jnp.zeros(6, jnp.int32)
     np.testing.assert_allclose(head.log_prob(outputs, never, TWO), 2 * math.log(0.25), rtol=1e-5)
     np.testing.assert_allclose(head.entropy(outputs, TWO), head.entropy(outputs, ALL), rtol=1e-5)
@@ -62,27 +62,27 @@ def test_only_slots_with_a_block_count() -> None:
 
 def test_every_slot_is_its_own_instant() -> None:
     """Choice k is played before decision k, 0 never: the whole way through action, seconds and rounding."""
-    choices = jnp.zeros((SLOTS, 6), jnp.int32).at[:, 0].set(jnp.arange(SLOTS))
-    actions = np.asarray(SlotHead().action(choices))
+    raw_actions = jnp.zeros((INSTANTS, 6), jnp.int32).at[:, 0].set(jnp.arange(INSTANTS))
+    actions = np.asarray(TimeGridHead().action(raw_actions))
     steps = plan_to_steps(action_to_times(actions), 10, "in_advance")[:, 0]
-    np.testing.assert_array_equal(steps, [-1, *range(1, SLOTS)])
+    np.testing.assert_array_equal(steps, [-1, *range(1, INSTANTS)])
 
 
 def test_blocks_of_one_instant_go_one_after_the_other() -> None:
     """None is lost but those put off beyond the last instant, 149; "never" is put off for nothing."""
-    choices = jnp.array([[5, 5, 6, 0, 0, 5], [149, 149, 0, 1, 1, 1], [3, 1, 2, 6, 5, 4]])
+    raw_actions = jnp.array([[5, 5, 6, 0, 0, 5], [149, 149, 0, 1, 1, 1], [3, 1, 2, 6, 5, 4]])
     expected = [[5, 6, 7, 0, 0, 8], [149, 150, 0, 1, 2, 3], [3, 1, 2, 6, 5, 4]]
-    np.testing.assert_array_equal(one_after_the_other(choices), expected)
-    steps = plan_to_steps(action_to_times(np.asarray(SlotHead().action(choices))), 10, "in_advance")
+    np.testing.assert_array_equal(distinct_instants(raw_actions), expected)
+    steps = plan_to_steps(action_to_times(np.asarray(TimeGridHead().action(raw_actions))), 10, "in_advance")
     np.testing.assert_array_equal(steps, [[5, 6, 7, -1, -1, 8], [149, -1, -1, 1, 2, 3], [3, 1, 2, 6, 5, 4]])
 
 
 def test_gaussian_by_hand() -> None:
     head = GaussianHead()
     outputs = of_slot_0([1.0, math.log(0.5)], 2)  # mean 1, deviation 0.5; the other slots 0 and 1
-    choice, only = jnp.zeros(6).at[0].set(2.0), jnp.zeros(6, bool).at[0].set(True)
+    raw_action, only = jnp.zeros(6).at[0].set(2.0), jnp.zeros(6, bool).at[0].set(True)
     expected = -0.5 * 4.0 - math.log(0.5) - 0.5 * math.log(2 * math.pi)  # two deviations away
-    np.testing.assert_allclose(head.log_prob(outputs, choice, only), expected, rtol=1e-6)
+    np.testing.assert_allclose(head.log_prob(outputs, raw_action, only), expected, rtol=1e-6)
     np.testing.assert_allclose(head.entropy(outputs, only), 0.5 * math.log(2 * math.pi * math.e * 0.25), rtol=1e-6)
     np.testing.assert_allclose(head.mode(outputs, ALL), [1, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(head.action(jnp.array([-3.0, -1.0, 0.0, 1.0, 2.0])), [0, 0, 0.5, 1, 1])
@@ -90,7 +90,7 @@ def test_gaussian_by_hand() -> None:
 
 def test_squashed_by_hand() -> None:
     """At u = 1 the density of tanh u is that of u divided by 1 - tanh^2 1; the box is never left."""
-    head = SquashedHead()
+    head = TanhNormalHead()
     outputs, only = of_slot_0([1.0, 0.0], 2), jnp.zeros(6, bool).at[0].set(True)
     expected = -0.5 * math.log(2 * math.pi) - math.log(1 - math.tanh(1) ** 2)
     np.testing.assert_allclose(head.log_prob(outputs, jnp.ones(6), only), expected, rtol=1e-5)
@@ -99,7 +99,7 @@ def test_squashed_by_hand() -> None:
 
 def test_categorical_starts_at_its_prior() -> None:
     """Two blocks share what doing nothing leaves; slots without a block are never chosen."""
-    head = CategoricalHead(idle=0.9)
+    head = CategoricalHead(no_op_prob=0.9)
     outputs = jnp.zeros(7)
     np.testing.assert_allclose(np.exp(head.log_probabilities(outputs, TWO)), [0.9, 0.05, 0.05, 0, 0, 0, 0], rtol=1e-5)
     nats = -0.9 * math.log(0.9) - 0.1 * math.log(0.05)
@@ -116,12 +116,12 @@ def test_samples_follow_the_distribution(name: HeadName) -> None:
     def drawn() -> tuple[jax.Array, jax.Array, jax.Array]:
         outputs = jax.random.normal(jax.random.key(0), head.shape) * 0.5
         many, mask = jnp.broadcast_to(outputs[None], (20_000, *head.shape)), jnp.broadcast_to(TWO, (20_000, 6))
-        choice = head.sample(jax.random.key(1), many, mask)
-        entropy = jnp.zeros(()) if name == "squashed" else head.entropy(outputs, TWO)  # squashed has no formula
-        return -head.log_prob(many, choice, mask).mean(), entropy, head.action(choice)
+        raw_action = head.sample(jax.random.key(1), many, mask)
+        entropy = jnp.zeros(()) if name == "tanh_normal" else head.entropy(outputs, TWO)  # it has no formula
+        return -head.log_prob(many, raw_action, mask).mean(), entropy, head.action(raw_action)
 
     nats, entropy, action = drawn()
-    if name != "squashed":
+    if name != "tanh_normal":
         np.testing.assert_allclose(nats, (2 if len(head.shape) == 2 else 1) * entropy, rtol=0.03)
     assert float(action.min()) >= 0
     assert float(action.max()) <= (1 if len(head.shape) == 2 else 2)
@@ -130,7 +130,7 @@ def test_samples_follow_the_distribution(name: HeadName) -> None:
 @pytest.mark.parametrize("name", SAMPLED)
 def test_the_mode_is_the_most_probable_choice(name: HeadName) -> None:
     head = action_head(name)
-    normal = GaussianHead() if name == "squashed" else head  # the mode of u; tanh moves that of the density
+    normal = GaussianHead() if name == "tanh_normal" else head  # the mode of u; tanh moves that of the density
 
     @jax.jit
     def compared() -> tuple[jax.Array, jax.Array]:
@@ -144,7 +144,7 @@ def test_the_mode_is_the_most_probable_choice(name: HeadName) -> None:
 
 
 def test_heads_by_name() -> None:
-    assert isinstance(action_head("slots"), SlotHead)
-    assert isinstance(HEADS["point"], PointHead)
-    with pytest.raises(ValueError, match="head: expected one to sample from, got 'point'"):
-        action_head("point")
+    assert isinstance(action_head("time_grid"), TimeGridHead)
+    assert isinstance(HEADS["deterministic"], DeterministicHead)
+    with pytest.raises(ValueError, match="head: expected one that can be sampled, got 'deterministic'"):
+        action_head("deterministic")

@@ -10,7 +10,8 @@ import pytest
 
 from iphyre_jax import SPLITS
 from iphyre_jax.train.settings.agents import DQN, PPO
-from iphyre_jax.train.settings.run import TrainConfig, config_from_json
+from iphyre_jax.train.settings.codec import config_from_json
+from iphyre_jax.train.settings.run import TrainConfig
 
 FLY: dict[str, Any] = {"strategy": "on-the-fly", "head": "categorical"}
 
@@ -27,13 +28,16 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         "strategy: expected on-the-fly with agent dqn, got 'in-advance'",
     ),
     "preset": ({"preset": "best"}, "preset: expected one of default, paper"),
-    "head": ({"head": "beta"}, "head: expected one of slots"),
-    "agent's head": ({"head": "squashed"}, "head: expected slots or gaussian with ppo in-advance, got 'squashed'"),
+    "head": ({"head": "beta"}, "head: expected one of time_grid"),
+    "agent's head": (
+        {"head": "tanh_normal"},
+        "head: expected time_grid or gaussian with ppo in-advance, got 'tanh_normal'",
+    ),
     "learner": ({"learner": DQN()}, "learner: expected settings of ppo, got DQN"),
     "motion": ({"observation": "motion"}, "observation: expected official in advance"),
-    "network": ({"network": "cnn"}, "network: expected one of perceptron, objects"),
+    "network": ({"network": "cnn"}, "network: expected one of mlp, objects"),
     "dtype on the fly": (FLY | {"dtype": "float64"}, "dtype: expected float32 unless in advance"),
-    "rows": (FLY, "rows: expected a number of decisions unless in advance, got 0"),
+    "samples_per_update": (FLY, "samples_per_update: expected a number of decisions unless in advance, got 0"),
     "variations": ({"variations": -1}, "variations: expected a number not below 0"),
     "greedy": ({"greedy_every": 0}, "greedy_every: expected at least 1"),
     "checkpoints": ({"checkpoint_seconds": -1.0}, "checkpoint_seconds: expected a number not below 0"),
@@ -41,14 +45,14 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "updates": ({"updates": 0}, "updates: expected at least 1"),
     "one plan": ({"episodes_per_scene": 1}, "episodes_per_scene: expected at least 2"),
     "seed": ({"seed": -1}, "seed: expected from 0"),
-    "no layer": ({"hidden": ()}, "hidden: expected at least one positive width"),
-    "empty layer": ({"hidden": (32, 0)}, "hidden: expected at least one positive width"),
+    "no layer": ({"hidden_sizes": ()}, "hidden_sizes: expected at least one positive width"),
+    "empty layer": ({"hidden_sizes": (32, 0)}, "hidden_sizes: expected at least one positive width"),
     "learning rate": ({"learner": PPO(learning_rate=0.0)}, "learning_rate: expected a positive number"),
-    "not a number": ({"learner": PPO(clip=float("nan"))}, "clip: expected a positive number"),
-    "entropy": ({"learner": PPO(entropy=-0.1)}, "entropy: expected a number not below 0"),
+    "not a number": ({"learner": PPO(clip_eps=float("nan"))}, "clip_eps: expected a positive number"),
+    "entropy": ({"learner": PPO(ent_coef=-0.1)}, "ent_coef: expected a number not below 0"),
     "minibatches": (
         {"learner": PPO(minibatches=7)},
-        "minibatches: expected a divisor of 1280 decisions a round, got 7",
+        "minibatches: expected a divisor of 1280 decisions an update, got 7",
     ),
 }
 
@@ -72,7 +76,7 @@ def test_defaults_are_the_official_setting() -> None:
 
 def test_through_json_and_back() -> None:
     learner = PPO(learning_rate=1.0, minibatches=2)
-    config = TrainConfig(seed=3, head="gaussian", hidden=(8, 9), games=("hole",), learner=learner)
+    config = TrainConfig(seed=3, head="gaussian", hidden_sizes=(8, 9), games=("hole",), learner=learner)
     assert config_from_json(json.loads(json.dumps(config.to_json())), "run") == config
 
 
@@ -83,11 +87,11 @@ def test_through_json_and_back() -> None:
         ({"sead": 1}, "run: unknown setting 'sead'"),
         ({"seed": "1"}, "run: seed: expected a value like 0, got '1'"),
         ({"seed": True}, "run: seed: expected a value like 0, got True"),
-        ({"hidden": [1.5]}, "run: hidden: expected a value like"),
+        ({"hidden_sizes": [1.5]}, "run: hidden_sizes: expected a value like"),
         ({"games": [3]}, "run: games: expected a value like"),
-        ({"learner": {"clip": None}}, "run: clip: expected a value like 0.2, got None"),
+        ({"learner": {"clip_eps": None}}, "run: clip_eps: expected a value like 0.2, got None"),
         ({"learner": []}, "run: learner: expected an object of settings, got list"),
-        ({"agent": "dqn", "learner": {"clip": 0.1}}, "run: unknown setting 'clip'"),
+        ({"agent": "dqn", "learner": {"clip_eps": 0.1}}, "run: unknown setting 'clip_eps'"),
         ({"agent": 3}, "run: agent: expected one of ppo"),
         ({"fps": 15}, "run: fps: expected a multiple of 10, got 15"),
     ],

@@ -15,30 +15,29 @@ from benchmarks.agents import rows
 from iphyre_jax.train import trainer
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.observations import start_observations
-from iphyre_jax.train.reports.report import paper_name
-from iphyre_jax.train.settings.presets import preset
-from iphyre_jax.train.settings.run import AGENTS
+from iphyre_jax.train.settings.presets import AGENTS
+from iphyre_jax.train.settings.run import preset
 from iphyre_jax.train.storage.pretrained import load_pretrained, names, rounded, save_pretrained
 
 GAMES = ("support", "direction")
 NONE: dict[str, Any] = {"splits": {}, "games": [], "faults": 0}
-LEARNING = [(agent, strategies[0]) for agent, strategies in AGENTS.items() if agent != "random"]
+LEARNING = [(agent, spec.strategies[0]) for agent, spec in AGENTS.items() if agent != "random"]
 
 
 @pytest.mark.parametrize(("agent", "strategy"), LEARNING)
 def test_a_policy_without_its_learner_acts_the_same(agent: str, strategy: str, tmp_path: Path) -> None:
-    config = dataclasses.replace(preset(agent, strategy), hidden=(16,))  # type: ignore[arg-type]
+    config = dataclasses.replace(preset(agent, strategy), hidden_sizes=(16,))  # type: ignore[arg-type]
     state = trainer.start(config).learner
     save_pretrained("one", config, rounded(config, state), NONE, {}, tmp_path)
     stored = load_pretrained("one", tmp_path)
-    seen = start_observations(config.strategy, config.observation, GAMES)
-    greedy = trainer.algorithm(config).greedy(config, state, seen)
-    np.testing.assert_allclose(stored.greedy(seen), greedy, atol=0.01)
-    assert stored.act(jax.random.key(0), seen).shape == greedy.shape
+    obs = start_observations(config.strategy, config.observation, GAMES)
+    greedy = trainer.algorithm(config).greedy(state, obs)
+    np.testing.assert_allclose(stored.greedy(obs), greedy, atol=0.01)
+    assert stored.act(jax.random.key(0), obs).shape == greedy.shape
 
 
 def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> None:
-    config = dataclasses.replace(preset(), hidden=(16,))
+    config = dataclasses.replace(preset(), hidden_sizes=(16,))
     save_pretrained("one", config, rounded(config, trainer.start(config).learner), NONE, {}, tmp_path)
     arrays, described = tmp_path / "one.npz", tmp_path / "one.json"
     raw, text = arrays.read_bytes(), described.read_text()
@@ -51,10 +50,10 @@ def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> 
     arrays.write_bytes(raw)
     content = json.loads(text)
     for wrong, message in (
-        ({**content, "version": 2}, "expected schema"),
+        ({**content, "version": 3}, "expected schema"),
         ({key: content[key] for key in content if key != "scores"}, "scores is missing"),
-        ({**content, "settings": {**content["settings"], "hidden": [8]}}, "expected shape"),
-        ({**content, "settings": {**content["settings"], "centred": False}}, "centre: not expected"),
+        ({**content, "settings": {**content["settings"], "hidden_sizes": [8]}}, "expected shape"),
+        ({**content, "settings": {**content["settings"], "center_obs": False}}, "centre: not expected"),
     ):
         described.write_text(json.dumps(wrong))
         with pytest.raises(ValueError, match=message) as error:
@@ -63,12 +62,12 @@ def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> 
 
 
 def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
-    agents = {paper_name(config).lower() for config in rows().values() if config.agent != "random"}
+    agents = {config.paper_name.lower() for config in rows().values() if config.agent != "random"}
     assert agents <= set(names()) <= set(rows())
     for name in names():
         policy = load_pretrained(name)
         assert dataclasses.replace(policy.config, seed=0) == rows()[name]
-        assert name.startswith(paper_name(policy.config).lower())
+        assert name.startswith(policy.config.paper_name.lower())
         assert set(policy.scores["splits"]) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic", "all"}
 
 

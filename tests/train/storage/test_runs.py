@@ -25,7 +25,7 @@ from iphyre_jax.train.storage import checkpoint, logs, runs
 GAMES = ("support", "hole")
 TINY = TrainConfig(
     games=GAMES,
-    hidden=(32,),
+    hidden_sizes=(32,),
     updates=3,
     episodes_per_scene=8,
     sampled_episodes=2,
@@ -46,22 +46,22 @@ def assert_same_tree(a: object, b: object) -> None:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> loop.EpisodeResult:
-    outcome = loop.train(TINY, tmp_path_factory.mktemp("runs") / "finished", QUIET)
-    evaluation = evaluate(TINY, outcome.state.learner, GAMES)
-    runs.write_evaluation(outcome.folder, TINY, evaluation, int(outcome.state.update))
-    return outcome
+def finished(tmp_path_factory: pytest.TempPathFactory) -> loop.TrainingResult:
+    result = loop.train(TINY, tmp_path_factory.mktemp("runs") / "finished", QUIET)
+    evaluation = evaluate(TINY, result.state.learner, GAMES)
+    runs.write_evaluation(result.folder, TINY, evaluation, int(result.state.update))
+    return result
 
 
 def without_clock(folder: Path) -> list[dict[str, str]]:
-    return [{k: v for k, v in line.items() if k not in trainer.CLOCKS} for line in logs.read(folder)]
+    return [{k: v for k, v in line.items() if k not in trainer.TIMING_COLUMNS} for line in logs.read(folder)]
 
 
-def copy_of(finished: loop.EpisodeResult, folder: Path) -> Path:
+def copy_of(finished: loop.TrainingResult, folder: Path) -> Path:
     return Path(shutil.copytree(finished.folder, folder))
 
 
-def test_a_run_leaves_its_folder(finished: loop.EpisodeResult) -> None:
+def test_a_run_leaves_its_folder(finished: loop.TrainingResult) -> None:
     assert finished.finished
     names = {entry.name for entry in finished.folder.iterdir()}
     assert names == {"config.json", "metrics.csv", "curve.png", "checkpoints", "evaluation.json", "evaluation.md"}
@@ -70,33 +70,40 @@ def test_a_run_leaves_its_folder(finished: loop.EpisodeResult) -> None:
     assert sorted(entry.name for entry in (finished.folder / checkpoint.FOLDER).iterdir()) == ["000002", "000003"]
 
 
-def test_metrics_of_every_round(finished: loop.EpisodeResult) -> None:
+def test_metrics_of_every_update(finished: loop.TrainingResult) -> None:
     lines = logs.read(finished.folder)
     assert [int(line["update"]) for line in lines] == [1, 2, 3]
     assert [int(line["episodes"]) for line in lines] == [16, 32, 48]
     assert [int(line["decisions"]) for line in lines] == [16, 32, 48]
     assert all(-75 <= float(line["reward"]) <= 1000 for line in lines)
-    assert [bool(line["greedy_reward"]) for line in lines] == [True, False, True]  # first and last round
+    assert [bool(line["greedy_reward"]) for line in lines] == [True, False, True]  # first and last update
     assert all(int(line["faults"]) == 0 for line in lines)
 
 
-def test_results_carry_their_origin(finished: loop.EpisodeResult) -> None:
+def test_results_carry_their_origin(finished: loop.TrainingResult) -> None:
     for name in ("config.json", "evaluation.json"):
         content = json.loads((finished.folder / name).read_text())
         assert content["settings"]["seed"] == TINY.seed
         assert content["settings"]["fps"] == 10
         assert content["settings"]["dtype"] == "float32"
         assert content["agent"].startswith("PPO in-advance, default preset")
-        assert content["agent"].endswith("slots head, 10 fps, seed 0")
+        assert content["agent"].endswith("time_grid head, 10 fps, seed 0")
         assert content["versions"]["jax"] == jax.__version__
         assert content["device"].startswith("cpu")
         assert "commit" in content
     text = (finished.folder / "evaluation.md").read_text()
-    for fact in ("slots head, 10 fps, seed 0", "float32", f"jax {jax.__version__}", "commit", "paper: PPO-I", "861.6"):
+    for fact in (
+        "time_grid head, 10 fps, seed 0",
+        "float32",
+        f"jax {jax.__version__}",
+        "commit",
+        "paper: PPO-I",
+        "861.6",
+    ):
         assert fact in text
 
 
-def test_evaluation_of_two_games(finished: loop.EpisodeResult) -> None:
+def test_evaluation_of_two_games(finished: loop.TrainingResult) -> None:
     content = json.loads((finished.folder / "evaluation.json").read_text())
     assert [game["game"] for game in content["games"]] == list(GAMES)
     assert list(content["splits"]) == ["basic"]  # no mean of forty games without forty games
@@ -108,7 +115,7 @@ def test_evaluation_of_two_games(finished: loop.EpisodeResult) -> None:
     assert [len(game["plan"]) for game in content["games"]] == [2, 4]
 
 
-def test_a_run_is_read_again(finished: loop.EpisodeResult) -> None:
+def test_a_run_is_read_again(finished: loop.TrainingResult) -> None:
     config, state = runs.load(finished.folder)
     assert config == TINY
     assert_same_tree(state, finished.state)
@@ -116,21 +123,21 @@ def test_a_run_is_read_again(finished: loop.EpisodeResult) -> None:
 
 
 def test_an_interrupted_run_goes_on_to_the_same_bits(
-    finished: loop.EpisodeResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Interrupted while the second round is played, then resumed; a line cut short by a kill is written again."""
+    """Interrupted while the second update is played, then resumed; a line cut short by a kill is written again."""
     real, calls = collect.play_plans, iter(range(100))
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
-        if next(calls) == 2:  # the first round plays twice: its plans, and the greedy ones
+        if next(calls) == 2:  # the first update plays twice: its plans, and the greedy ones
             raise KeyboardInterrupt
         return real(*arguments, **options)
 
     folder = tmp_path / "run"
     with monkeypatch.context() as patched:
         patched.setattr(collect, "play_plans", interrupted)
-        outcome = loop.train(TINY, folder, QUIET)
-    assert (outcome.finished, int(outcome.state.update), len(logs.read(folder))) == (False, 1, 1)
+        result = loop.train(TINY, folder, QUIET)
+    assert (result.finished, int(result.state.update), len(logs.read(folder))) == (False, 1, 1)
     assert (folder / "curve.png").read_bytes().startswith(PNG)
     with (folder / logs.FILE).open("a") as file:
         file.write("2,32,3")
@@ -140,14 +147,14 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_a_run_without_a_checkpoint_begins_again(finished: loop.EpisodeResult, tmp_path: Path) -> None:
+def test_a_run_without_a_checkpoint_begins_again(finished: loop.TrainingResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     shutil.rmtree(folder / checkpoint.FOLDER)
     assert_same_tree(loop.resume(folder, QUIET).state, finished.state)
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_a_folder_in_use_is_refused(finished: loop.EpisodeResult, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_in_use_is_refused(finished: loop.TrainingResult, capsys: pytest.CaptureFixture[str]) -> None:
     before = (finished.folder / "metrics.csv").read_text()
     with pytest.raises(ValueError, match="expected a new or empty folder"):
         loop.train(TINY, finished.folder, QUIET)
@@ -156,12 +163,12 @@ def test_a_folder_in_use_is_refused(finished: loop.EpisodeResult, capsys: pytest
     assert (finished.folder / "metrics.csv").read_text() == before
 
 
-def test_damaged_folders_get_one_line(finished: loop.EpisodeResult, tmp_path: Path) -> None:
+def test_damaged_folders_get_one_line(finished: loop.TrainingResult, tmp_path: Path) -> None:
     cases = {
         "missing": "there is no config.json",
         "not_json": "config.json: not JSON",
         "other_schema": "config.json: schema: expected",
-        "other_version": "config.json: version: expected 2, got 1",
+        "other_version": "config.json: version: expected 3, got 1",
         "bad_setting": "config.json: fps: expected a multiple of 10",
         "no_checkpoint": "there is no checkpoint",
         "other_settings": "it belongs to other settings",
@@ -172,7 +179,7 @@ def test_damaged_folders_get_one_line(finished: loop.EpisodeResult, tmp_path: Pa
         "other_schema": {"schema": "something else"},
         "other_version": {"version": 1},
         "bad_setting": {"settings": {**settings, "fps": 15}},
-        "other_settings": {"settings": {**settings, "hidden": [31]}},
+        "other_settings": {"settings": {**settings, "hidden_sizes": [31]}},
     }
     for name, message in cases.items():
         if name != "missing":
@@ -202,7 +209,7 @@ DAMAGE = {
     "truncation": (lambda c: largest(c).write_bytes(largest(c).read_bytes()[:-1]), "bytes, not"),
     "missing": (lambda c: largest(c).unlink(), "is missing"),
     "stranger": (lambda c: (c / "state" / "more").write_text("x"), "state/more was not written with it"),
-    "renamed": (lambda c: c.rename(c.with_name("000009")), "expected the checkpoint of 9 rounds, got that of 3"),
+    "renamed": (lambda c: c.rename(c.with_name("000009")), "expected the checkpoint of 9 updates, got that of 3"),
 }
 
 
@@ -214,7 +221,7 @@ def flip(file: Path) -> None:
 
 @pytest.mark.parametrize("case", DAMAGE)
 def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
-    case: str, finished: loop.EpisodeResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    case: str, finished: loop.TrainingResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = copy_of(finished, tmp_path / "run")
     damage, message = DAMAGE[case]
@@ -229,7 +236,7 @@ def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
     assert without_clock(folder) == without_clock(finished.folder)
 
 
-def test_other_versions_are_evaluated_but_not_resumed(finished: loop.EpisodeResult, tmp_path: Path) -> None:
+def test_other_versions_are_evaluated_but_not_resumed(finished: loop.TrainingResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     for name in checkpoint.names(folder):
         path = folder / checkpoint.FOLDER / name / checkpoint.MANIFEST
@@ -242,7 +249,7 @@ def test_other_versions_are_evaluated_but_not_resumed(finished: loop.EpisodeResu
         loop.resume(folder, QUIET)
 
 
-def test_runs_are_compared(finished: loop.EpisodeResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_are_compared(finished: loop.TrainingResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     second = copy_of(finished, tmp_path / "second")
     content = json.loads((second / "config.json").read_text())
     content["settings"]["seed"] = 1
@@ -295,7 +302,7 @@ def test_paper_numbers_agree_with_their_table() -> None:
         assert abs(np.mean(rewards) - by_split["all"][0]) < 0.0051
 
 
-def test_results_name_what_is_missing(finished: loop.EpisodeResult, tmp_path: Path) -> None:
+def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: Path) -> None:
     table = agents.rows()
     assert len(table) == 14  # the paper's twelve, and two of our own
     of_paper = agents.rows("paper")
@@ -309,7 +316,7 @@ def test_results_name_what_is_missing(finished: loop.EpisodeResult, tmp_path: Pa
     names = sorted(entry.name for entry in tmp_path.iterdir())
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
-    assert agents.seconds_to_paper(run) is None  # three rounds of sixteen episodes
+    assert agents.seconds_to_paper(run) is None  # three updates of sixteen episodes
     assert not agents.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
@@ -322,11 +329,11 @@ def test_command_line_trains_resumes_and_evaluates(
 ) -> None:
     monkeypatch.setattr(train_commands, "GAMES", GAMES)  # the forty are for `make run`
     folder = tmp_path / "run"
-    small = ["--games", *GAMES, "--updates", "2", "--episodes-per-scene", "8", "--hidden", "16"]
+    small = ["--games", *GAMES, "--updates", "2", "--episodes-per-scene", "8", "--hidden-sizes", "16"]
     chosen = ["--agent", "a2c", "--strategy", "in-advance", "--minibatches", "2", "--sampled-episodes", "2"]
     assert cli.run(["train", *chosen, "--out", str(folder), *small]) == 0
     first = json.loads((folder / "evaluation.json").read_text())
-    assert first["rounds trained"] == "2 of 2, 32 episodes"
+    assert first["updates trained"] == "2 of 2, 32 episodes"
     for command in ("evaluate", "resume"):
         assert cli.run([command, str(folder)]) == 0
         assert json.loads((folder / "evaluation.json").read_text())["games"] == first["games"]

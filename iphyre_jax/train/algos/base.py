@@ -1,0 +1,104 @@
+"""What every algorithm is: pure functions of static settings."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, TypeVar, cast
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.train.algos.distributions import Head, action_head
+from iphyre_jax.train.algos.networks import Params, network
+from iphyre_jax.train.collect import PolicyOutput, Trajectory
+from iphyre_jax.train.settings.run import TrainConfig
+
+S = TypeVar("S")
+F = TypeVar("F", bound=Callable[..., Any])
+State = Any  # a NamedTuple of the algorithm's own
+Metrics = dict[str, jax.Array]
+
+
+def jitted(*static: int) -> Callable[[F], F]:
+    """`jax.jit` with static arguments that keeps the types of a method."""
+
+    def jit(method: F) -> F:
+        return cast(F, jax.jit(method, static_argnums=static))
+
+    return jit
+
+
+@dataclass(frozen=True)
+class Algorithm(ABC, Generic[S]):
+    """An algorithm with its settings.
+
+    Shapes: B observations, D numbers in an observation, S scenes.
+
+    Attributes:
+        config: of the run.
+        settings: its settings of the algorithm.
+        METRICS: names of what `learn` reports.
+    """
+
+    config: TrainConfig
+    settings: S
+
+    METRICS: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def init(self, key: jax.Array, obs: jax.Array) -> State:
+        """The state before the first update; observations (S, D) of the training games give sizes and centre."""
+
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
+        """Sample actions to learn from: `num_samples` for each observation (B, D), one observation after the other."""
+        return self._sample(state, key, jnp.repeat(obs, num_samples, axis=0))
+
+    @abstractmethod
+    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+        """Sample one action for each observation."""
+
+    @abstractmethod
+    def greedy(self, state: State, obs: jax.Array) -> jax.Array:
+        """The action that the policy prefers for each observation (B, D)."""
+
+    @abstractmethod
+    def inference_state(self, state: State) -> State:
+        """The state without what only `learn` reads."""
+
+    @abstractmethod
+    def learn(self, state: State, key: jax.Array, trajectory: Trajectory, num_scenes: int) -> tuple[State, Metrics]:
+        """Learn from the episodes of an update; the new state and metrics."""
+
+    @property
+    def head(self) -> Head:
+        """The action head."""
+        return action_head(self.config.head)
+
+    def network(self, shape: tuple[int, ...], scale: float, *, dueling: bool = False) -> nn.Module:
+        """A network with outputs of a shape."""
+        return network(self.config, shape, scale, dueling=dueling)
+
+
+def forward(module: nn.Module, params: Params, obs: jax.Array) -> jax.Array:
+    """The outputs of a network."""
+    return cast(jax.Array, module.apply(params, obs))
+
+
+def without_value(action: jax.Array, raw_action: jax.Array) -> PolicyOutput:
+    """The output of a policy whose learner needs neither log-probabilities nor values."""
+    zero = jnp.zeros(action.shape[0], jnp.float32)
+    return PolicyOutput(action, raw_action, zero, zero)
+
+
+def global_norm(tree: Params) -> jax.Array:
+    """() Euclidean norm of all numbers of a tree of arrays (optax renamed its own between our versions of it)."""
+    return jnp.sqrt(sum((jnp.square(leaf).sum() for leaf in jax.tree.leaves(tree)), jnp.zeros(())))
+
+
+def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:
+    """() mean of the values of weight 1; 0 if there are none."""
+    return (values * weight).sum() / jnp.maximum(weight.sum(), 1.0)
