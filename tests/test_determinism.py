@@ -23,7 +23,7 @@ for dtype in ("float64", "float32"):
 """
 # Neither our options nor wide vectors nor fused multiply-adds.
 OLD_PROCESSOR = """
-from iphyre_jax.execution import executables
+from iphyre_jax.execution.compilation import executables
 executables.options_for = lambda lanes: {options}
 """
 ONE_THREAD = "iphyre_jax.configure(cache=False, devices=1)"
