@@ -27,9 +27,9 @@ OWN = "import jax\njax.jit(lambda x: jax.numpy.sort(x) @ x.T)(jax.numpy.ones((64
 WATCH = 'with warnings.catch_warnings(record=True, action="always") as seen:\n    '
 COMMAND = """
 import contextlib, io
-from iphyre_jax.cli import main as cli
+from iphyre_jax.cli.main import run
 with contextlib.redirect_stdout(io.StringIO()):
-    result = cli.run(["simulate", "support", "--fps", "10"])
+    result = run(["simulate", "support", "--fps", "10"])
 """
 
 

@@ -33,7 +33,7 @@ class HostObservations:
 
     Args:
         features: of the games, NumPy arrays with an axis for the games in front.
-        observation: "official" or "motion".
+        observation: "motion" adds velocities and time.
         no_op: whether a candidate that does nothing stands before those of the blocks.
     """
 

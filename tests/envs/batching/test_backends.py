@@ -99,7 +99,7 @@ def test_any_form_of_batch_gives_the_same(two: str) -> None:
     assert_same(jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested))
     own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
     assert_same(jax.jit(jax.vmap(play))(games, actions, own))
-    one_game = [env.one_game(params, int(game))[1] for game in games[:2]]
+    one_game = [env.single_game(params, int(game))[1] for game in games[:2]]
     assert one_game[0].games == 1
     with jax.disable_jit():
         assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
