@@ -28,7 +28,7 @@ def solved() -> Recording:
 
 @pytest.mark.parametrize("game", ["hole", "impulse_pendulum", "spring_flick", "multi_ball_stack"])
 def test_the_official_theme_is_the_official_picture(game: str) -> None:
-    """Compare with `iphyre_jax.observations.drawing`, which is compared with the official class: only edges may differ."""
+    """Compare with `iphyre_jax.observations.drawing`, which has its own test against the official class."""
     scene = load_scene(game)
     theirs = picture(SteppedWorld(scene, fps=60, resets=1)).astype(int)
     ours = still(start_of(scene), Look(theme="official", captions=False)).astype(int)
