@@ -6,8 +6,10 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -61,10 +63,6 @@ class VerifyPretrained:
     name: Annotated[tyro.conf.Positional[str], option("NAME", "Name of the policy, such as ppo-i.")]
 
 
-ViewerCommand = Render | Replay | PlayPage | Score
-Command = train.TrainingCommand | VerifyPretrained | Simulate | Games | scenes.SceneCommand | ViewerCommand
-
-
 def run(arguments: Sequence[str] | None = None) -> int:
     """Parse the arguments, run the command and return the exit code.
 
@@ -76,51 +74,27 @@ def run(arguments: Sequence[str] | None = None) -> int:
         and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS
     ):
         configure()
-    console = Console()
-    if isinstance(command, train.TrainingCommand):
-        return train.run(command, console)
-    if isinstance(command, VerifyPretrained):
-        return _verify_pretrained(command, console)
-    actions: dict[type, Callable[..., None]] = {
-        Simulate: _simulate,
-        Games: _games,
-        scenes.SceneCommand: scenes.run,
-        Render: viewer.render,
-        Replay: viewer.replay,
-        PlayPage: viewer.play,
-        Score: lambda command, console: viewer.evaluate_plays(command.plays, console),
-    }
-    actions[type(command)](command, console)
-    return 0
+    action = next(action for kind, action in SUBCOMMANDS.values() if isinstance(command, kind))
+    return action(command, Console()) or 0
 
 
-def _parse(arguments: list[str]) -> Command:
+def _parse(arguments: list[str]) -> object:
     """Parse the command line; the defaults of `train` depend on the agent that the arguments name."""
-    default = train.Train()
+    defaults = {"train": train.Train()}
     if arguments[:1] == ["train"]:
         arguments = train.renamed(arguments)
-        default = train.defaults(arguments[1:])
-    command: Command = tyro.cli(
-        Annotated[train.Train, tyro.conf.subcommand("train", default=default)]
-        | Annotated[train.Resume, tyro.conf.subcommand("resume")]
-        | Annotated[train.Evaluate, tyro.conf.subcommand("evaluate")]
-        | Annotated[train.Compare, tyro.conf.subcommand("compare")]
-        | Annotated[VerifyPretrained, tyro.conf.subcommand("verify-pretrained")]
-        | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-        | Annotated[Games, tyro.conf.subcommand("games")]
-        | Annotated[scenes.SceneCommand, tyro.conf.subcommand("scene")]
-        | Annotated[Render, tyro.conf.subcommand("render")]
-        | Annotated[Replay, tyro.conf.subcommand("replay")]
-        | Annotated[PlayPage, tyro.conf.subcommand("play")]
-        | Annotated[Score, tyro.conf.subcommand("score")],
-        prog="iphyre-jax",
-        description="I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes.",
-        args=arguments,
-    )
+        defaults["train"] = train.defaults(arguments[1:])
+    kinds = [
+        Annotated[kind, tyro.conf.subcommand(name, default=defaults.get(name, tyro.MISSING_NONPROP))]
+        for name, (kind, _) in SUBCOMMANDS.items()
+    ]
+    commands: Any = reduce(or_, kinds)
+    description = "I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes."
+    command: object = tyro.cli(commands, prog="iphyre-jax", description=description, args=arguments)
     return command
 
 
-def _without_old_spelling(command: Command) -> Command:
+def _without_old_spelling(command: object) -> object:
     """Replace `evaluate NAME` and `evaluate FILE`, with a warning, by the commands that took their place."""
     if not isinstance(command, train.Evaluate):
         return command
@@ -178,3 +152,19 @@ def _games(command: Games, console: Console) -> None:
 def _end_points(block: np.ndarray) -> str:
     """Write the end points of a block, px."""
     return "-".join(f"({x:g}, {y:g})" for x, y in block.tolist())
+
+
+SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
+    "train": (train.Train, train.run),
+    "resume": (train.Resume, train.run),
+    "evaluate": (train.Evaluate, train.run),
+    "compare": (train.Compare, train.run),
+    "verify-pretrained": (VerifyPretrained, _verify_pretrained),
+    "simulate": (Simulate, _simulate),
+    "games": (Games, _games),
+    "scene": (scenes.SceneCommand, scenes.run),
+    "render": (Render, viewer.render),
+    "replay": (Replay, viewer.replay),
+    "play": (PlayPage, viewer.play),
+    "score": (Score, viewer.score),
+}

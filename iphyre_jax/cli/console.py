@@ -12,13 +12,6 @@ def say(console: Console, text: str) -> None:
 
 
 def option(metavar: str, text: str, default: str | None = None, *, aliases: tuple[str, ...] = ()) -> object:
-    """Describe an option or argument of the command line.
-
-    Args:
-        metavar: the name that the help gives its value.
-        text: of the help.
-        default: what the help says in place of the value's default.
-        aliases: other spellings.
-    """
+    """Describe an option: the name of its value, its help text, and how the help shows the default."""
     hint = None if default is None else f"(default: {default})" if default else ""
     return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint=hint, aliases=aliases or None)

@@ -141,7 +141,7 @@ def render(command: Render, console: Console) -> None:
         chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
         if not chosen:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
-            raise ValueError(f"game: expected one that {what} has plays of, got {asked}")
+            raise ValueError(f"game: expected a game with plays in {what}, got {asked}")
         if command.game is None:
             plays, look = [play.record() for play in chosen], _frame_look(command, SHEET_SIZE)
             save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=frame, look=look))
@@ -160,13 +160,7 @@ def _frame_look(command: Render, size: int) -> Look:
     """Return the look of the frames; `size` is used if the command sets none."""
     from iphyre_jax.viewer.frames import Look
 
-    return Look(
-        theme=command.theme,
-        size=command.size or size,
-        captions=command.captions,
-        trails=command.trails,
-        fade=command.fade,
-    )
+    return Look(command.theme, command.size or size, command.captions, command.trails, command.fade)
 
 
 def _record_plan(command: Render, scene: Scene) -> Recording:
@@ -182,7 +176,7 @@ def replay(command: Replay, console: Console) -> None:
     plays = [play for source in command.sources for play in load_plays(source)]
     chosen = [play for play in plays if not command.games or play.scene.name in command.games]
     if not chosen:
-        raise ValueError(f"games: expected scenes that the sources have plays of, got {', '.join(command.games)}")
+        raise ValueError(f"games: expected games with plays in the sources, got {', '.join(command.games)}")
     with console.status(f"playing {len(chosen)} plans"):
         changed = write_replay(command.out, chosen, title=command.title)
     for line in changed:
@@ -213,8 +207,13 @@ def play(command: PlayPage, console: Console) -> None:
         server.serve_forever()
 
 
+def score(command: Score, console: Console) -> None:
+    """`iphyre-jax score`."""
+    evaluate_plays(command.plays, console)
+
+
 def evaluate_plays(path: Path, console: Console) -> None:
-    """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
+    """Replay a file of plays and print each agent's rewards by game.
 
     Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
     """

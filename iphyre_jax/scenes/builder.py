@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from iphyre_jax.scenes.limits import OFFICIAL, Limits
+from iphyre_jax.scenes.parse import Ball, Point
 from iphyre_jax.scenes.scene import Scene
 
 
@@ -36,19 +37,12 @@ class SceneBuilder:
 
     def __init__(self, name: str, limits: Limits = OFFICIAL) -> None:
         self.name, self.limits = name, limits
-        self._blocks: list[tuple[tuple[float, float], tuple[float, float], bool, bool]] = []
-        self._balls: list[tuple[float, float, float]] = []
+        self._blocks: list[tuple[Point, Point, bool, bool]] = []
+        self._balls: list[Ball] = []
         self._joints: list[tuple[ObjectRef, ObjectRef]] = []
         self._springs: list[tuple[ObjectRef, ObjectRef]] = []
 
-    def block(
-        self,
-        start: tuple[float, float],
-        end: tuple[float, float],
-        *,
-        eliminable: bool = False,
-        dynamic: bool = False,
-    ) -> ObjectRef:
+    def block(self, start: Point, end: Point, *, eliminable: bool = False, dynamic: bool = False) -> ObjectRef:
         """Add a block: a bar with a radius of 10 px between two points.
 
         Args:
@@ -60,7 +54,7 @@ class SceneBuilder:
         self._blocks.append((start, end, eliminable, dynamic))
         return ObjectRef(False, len(self._blocks) - 1)
 
-    def ball(self, centre: tuple[float, float], radius: float = 20.0) -> ObjectRef:
+    def ball(self, centre: Point, radius: float = 20.0) -> ObjectRef:
         """Add a ball."""
         x, y = centre
         self._balls.append((x, y, radius))

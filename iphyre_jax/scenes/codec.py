@@ -59,17 +59,7 @@ def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits 
     Raises:
         ValueError: fields are wrong; one line for each.
     """
-    raw = check_scene(fields, source, limits=limits)
-    return Scene(
-        name=raw.name,
-        blocks=raw.bars,  # type: ignore[arg-type]  # Scene turns lists into arrays
-        balls=raw.balls,  # type: ignore[arg-type]
-        eliminable=raw.eliminable,  # type: ignore[arg-type]
-        dynamic=raw.dynamic,  # type: ignore[arg-type]
-        joints=tuple(raw.joints),
-        springs=tuple(raw.springs),
-        limits=raw.limits,
-    )
+    return Scene(**vars(check_scene(fields, source, limits=limits)))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, object]:

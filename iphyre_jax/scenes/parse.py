@@ -29,7 +29,7 @@ class RawScene:
     """A scene whose fields have the right types. Objects are the bars in order, then the balls."""
 
     name: str
-    bars: list[Bar]  # end points, px
+    blocks: list[Bar]  # end points, px
     balls: list[Ball]  # x, y, radius, px
     eliminable: list[bool]  # one for each object
     dynamic: list[bool]  # one for each object
@@ -39,10 +39,10 @@ class RawScene:
 
     def centre(self, index: int) -> Point:
         """Return the centre of an object, px."""
-        if index >= len(self.bars):
-            x, y, _ = self.balls[index - len(self.bars)]
+        if index >= len(self.blocks):
+            x, y, _ = self.balls[index - len(self.blocks)]
             return x, y
-        (x1, y1), (x2, y2) = self.bars[index]
+        (x1, y1), (x2, y2) = self.blocks[index]
         return (x1 + x2) / 2, (y1 + y2) / 2
 
 
@@ -73,7 +73,7 @@ def parse_scene(
 
     raw = RawScene(
         name=parser.name(fields.get("name")),
-        bars=rows("block", "bars [[x1, y1], [x2, y2]]", parser.bar, objects),
+        blocks=rows("block", "bars [[x1, y1], [x2, y2]]", parser.bar, objects),
         balls=rows("ball", "balls [x, y, radius]", parser.ball, objects),
         eliminable=rows("eli", "flags 0 or 1", parser.flag, 2 * objects),
         dynamic=rows("dynamic", "flags 0 or 1", parser.flag, 2 * objects),

@@ -56,7 +56,7 @@ class Scene:
         flags = {key: _as_flags(given[key]) for key in ("eli", "dynamic")}
         raw = check_scene({"name": self.name} | given | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
         fields = {
-            "blocks": _frozen(raw.bars, np.float64, (-1, 2, 2)),
+            "blocks": _frozen(raw.blocks, np.float64, (-1, 2, 2)),
             "balls": _frozen(raw.balls, np.float64, (-1, 3)),
             "eliminable": _frozen(raw.eliminable, np.bool_, (-1,)),
             "dynamic": _frozen(raw.dynamic, np.bool_, (-1,)),

@@ -46,7 +46,7 @@ def check_scene(
 
 def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
     """Check the number of objects and the size of each."""
-    bars, balls = len(raw.bars), len(raw.balls)
+    bars, balls = len(raw.blocks), len(raw.balls)
     if not balls:
         yield f"{labels['ball']}: expected at least one ball, got none"
     if bars + balls > (most := raw.limits.objects):
@@ -55,7 +55,7 @@ def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
         if len(flags) != bars + balls:
             wanted = f"{bars + balls} entries (one for each of {bars} blocks and {balls} balls)"
             yield f"{labels[key]}: expected {wanted}, got {len(flags)}"
-    for i, (start, end) in enumerate(raw.bars):
+    for i, (start, end) in enumerate(raw.blocks):
         if (length := math.dist(start, end)) < MIN_LENGTH:
             yield f"{labels['block']}[{i}]: expected end points at least {MIN_LENGTH:g} px apart, got {length:g} px"
     for i, (_, _, radius) in enumerate(raw.balls):
@@ -66,7 +66,7 @@ def _sizes(raw: RawScene, labels: Labels) -> Iterator[str]:
 def _flags(raw: RawScene, labels: Labels) -> Iterator[str]:
     """Check that balls move and stay, and that only static bars, not too many, can be eliminated."""
     for i, (eliminable, dynamic) in enumerate(zip(raw.eliminable, raw.dynamic, strict=True)):
-        is_ball = i >= len(raw.bars)
+        is_ball = i >= len(raw.blocks)
         if is_ball and eliminable:
             yield f"{labels['eli']}[{i}]: expected 0 (object {i} is a ball, which cannot be eliminated), got 1"
         if is_ball and not dynamic:

@@ -69,13 +69,10 @@ def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: i
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]
     blocks = len(load_scene(game["game"]).eliminable_blocks)
-    fields = {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "agent": one_line(path.resolve().name).strip()[:MAX_NAME] or "run",
-    }
-    how = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
-    return play_from_json(fields | how | {"scene": game["game"], "plan": plan[:blocks]}, source)
+    agent = one_line(path.resolve().name).strip()[:MAX_NAME] or "run"
+    fields = {"schema": SCHEMA, "version": VERSION, "agent": agent, "scene": game["game"], "plan": plan[:blocks]}
+    physics = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
+    return play_from_json(fields | physics, source)
 
 
 def _object(path: Path) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Turn scenes and recordings into JSON values for the pages. `pages/tape.js` unpacks what `pack_tape` packs.
+"""Turn recordings into JSON values for the pages. `pages/tape.js` unpacks what `pack_tape` packs.
 
 A tape holds all frames of a recording: little-endian int32, deflated, in base 64. It stores differences from frame to
 frame, column by column: x, y and angle of every moving object, then their velocities, then the number of contacts.
@@ -12,7 +12,7 @@ import zlib
 
 import numpy as np
 
-from iphyre_jax.scenes import Scene, scene_to_dict
+from iphyre_jax.viewer.plays import result_of
 from iphyre_jax.viewer.recording import Recording
 
 LENGTH_UNIT = 1 / 64  # px
@@ -22,11 +22,6 @@ CONTACT_UNIT = 1 / 4  # px
 LARGEST = 2.0**29  # largest number in its unit, so that differences fit into int32
 
 
-def pack_scene(scene: Scene) -> dict[str, object]:
-    """Return the fields of a scene, as in a scene file."""
-    return scene_to_dict(scene)
-
-
 def pack_play(recording: Recording) -> dict[str, object]:
     """Return plan, settings, result and tape of a recording."""
     return {
@@ -34,10 +29,7 @@ def pack_play(recording: Recording) -> dict[str, object]:
         "fps": recording.fps,
         "dtype": recording.dtype,
         "resets": recording.resets,
-        "steps": recording.steps,
-        "solved": recording.success,
-        "eliminations": recording.eliminations,
-        "reward": recording.reward,
+        **result_of(recording),
         "fault": recording.fault,
         "tape": pack_tape(recording),
     }

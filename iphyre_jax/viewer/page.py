@@ -13,19 +13,13 @@ from typing import Final
 
 import iphyre_jax
 from iphyre_jax.files import replace_bytes
-from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes import Scene, scene_to_dict
 from iphyre_jax.viewer import themes
-from iphyre_jax.viewer.pack import pack_play, pack_scene
+from iphyre_jax.viewer.pack import pack_play
 from iphyre_jax.viewer.plays import Play
 from iphyre_jax.viewer.recording import Recording
 
-SCRIPTS: Final = (
-    "tape.js",
-    "stage.js",
-    "clock.js",
-    "deck.js",
-    "replay.js",
-)  # each uses the ones before it
+SCRIPTS: Final = ("tape.js", "stage.js", "clock.js", "deck.js", "replay.js")  # each uses the ones before it
 MAX_BYTES: Final = 100_000_000  # of one page
 
 
@@ -55,7 +49,7 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
         "title": title,
         "version": iphyre_jax.__version__,
         "themes": themes.as_json(),
-        "scenes": [pack_scene(scene) for scene in scenes],
+        "scenes": [scene_to_dict(scene) for scene in scenes],
         "plays": entries,
     }
     scripts = "".join(page_file(name) for name in SCRIPTS)

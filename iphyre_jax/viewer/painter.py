@@ -95,10 +95,8 @@ class Painter:
                 self._bar(pen, i, poses[i])
         for i in range(scene.n_blocks, scene.n_objects):
             self._ball(pen, i, poses[i])
-        for pairs, colour, coiled in (
-            (scene.joints, self.theme.joint, False),
-            (scene.springs, self.theme.spring, True),
-        ):
+        joints, springs = (scene.joints, self.theme.joint, False), (scene.springs, self.theme.spring, True)
+        for pairs, colour, coiled in (joints, springs):
             for i, j in pairs:
                 if present[i] and present[j]:
                     self._link(pen, poses[i, :2], poses[j, :2], colour, coiled=coiled)
@@ -185,12 +183,7 @@ def _zigzag(first: Floats, last: Floats) -> list[Point]:
     begin = (1 - drawing.COILED) / 2
     crests = round(2 * drawing.COILED / drawing.COIL_PERIOD)
     places = begin + (np.arange(crests) + 0.5) * drawing.COIL_PERIOD / 2
-    corners = [
-        (0.0, 0.0),
-        (begin, 0.0),
-        *((p, -((-1.0) ** k)) for k, p in enumerate(places)),
-        (1 - begin, 0.0),
-        (1.0, 0.0),
-    ]
+    zigzag = ((p, -((-1.0) ** k)) for k, p in enumerate(places))
+    corners = [(0.0, 0.0), (begin, 0.0), *zigzag, (1 - begin, 0.0), (1.0, 0.0)]
     spots = [first + way * along + side * CREST * across for along, across in corners]
     return [(float(x), float(y)) for x, y in spots]

@@ -89,20 +89,8 @@ class Recording:
         removed = sum(NEVER < step < made for step in steps)
         reward = episode_reward(np.array([success]), np.array([removed]), np.array([made]), rate)
         empty = np.full((len(filled), 0, 2), np.nan)
-        fields = {"poses": filled, "velocities": velocities, "contacts": empty}
-        return cls(
-            scene,
-            tuple(steps),
-            rate,
-            "float64",
-            1,
-            **fields,
-            success=bool(success),
-            steps=made,
-            eliminations=removed,
-            reward=float(reward[0]),
-            fault=0,
-        )
+        result = bool(success), made, removed, float(reward[0]), 0
+        return cls(scene, tuple(steps), rate, "float64", 1, filled, velocities, empty, *result)
 
     @property
     def last_frames(self) -> npt.NDArray[np.int64]:
@@ -141,19 +129,10 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     program = executable(RecordProgram(topology, dtype, len(padded), length))
     counts, *frames = program(words, padded, programs.pack_timing(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
-    return Recording(
-        scene=scene,
-        plan=tuple(steps),
-        fps=rate,
-        dtype=dtype,
-        resets=int(resets),
-        **_object_arrays(scene, Frames(*frames), made + 1),
-        success=bool(success),
-        steps=made,
-        eliminations=eliminations,
-        reward=float(episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)[0]),
-        fault=fault,
-    )
+    reward = episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)
+    poses, velocities, points = _object_arrays(scene, Frames(*frames), made + 1)
+    result = bool(success), made, eliminations, float(reward[0]), fault
+    return Recording(scene, tuple(steps), rate, dtype, int(resets), poses, velocities, points, *result)
 
 
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
@@ -166,7 +145,7 @@ def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     return [*entries.tolist(), *[NEVER] * (blocks - len(entries))]
 
 
-def _object_arrays(scene: Scene, frames: Frames, count: int) -> dict[str, Floats]:
+def _object_arrays(scene: Scene, frames: Frames, count: int) -> tuple[Floats, Floats, Floats]:
     """Return poses and velocities of all objects in list order, and contacts, of the first `count` frames."""
     poses = np.zeros((count, scene.n_objects, 3))
     poses[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
@@ -174,8 +153,4 @@ def _object_arrays(scene: Scene, frames: Frames, count: int) -> dict[str, Floats
     moving = np.flatnonzero(scene.dynamic)
     poses[:, moving] = frames.pose[:count]
     velocities[:, moving] = frames.velocity[:count]
-    return {
-        "poses": poses,
-        "velocities": velocities,
-        "contacts": np.asarray(frames.contact[:count], np.float64),
-    }
+    return poses, velocities, np.asarray(frames.contact[:count], np.float64)

@@ -11,7 +11,7 @@ from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.frames import Camera, Frame, Look
 from iphyre_jax.viewer.painter import blend
 from iphyre_jax.viewer.recording import Recording
-from iphyre_jax.viewer.themes import Colour, Theme, theme
+from iphyre_jax.viewer.themes import theme
 
 GAP = 6  # px between the pictures
 MAX_PICTURES = 400
@@ -40,14 +40,12 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
     images = [Camera(play, chosen).image(frame) for play in plays]
     width, height = images[0].width + GAP, images[0].height + GAP
     rows, across = -(-len(images) // columns), min(columns, len(images))
-    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), _background(theme(chosen.theme)))
+    colours = theme(chosen.theme)
+    background = blend(colours.text, colours.background, 0.25)
+    sheet = Image.new("RGB", (across * width + GAP, rows * height + GAP), background)
     for k, image in enumerate(images):
         sheet.paste(image, (GAP + k % columns * width, GAP + k // columns * height))
     return np.asarray(sheet)
-
-
-def _background(colours: Theme) -> Colour:
-    return blend(colours.text, colours.background, 0.25)
 
 
 def start_of(scene: Scene, fps: int = 60) -> Recording:

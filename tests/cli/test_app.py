@@ -122,13 +122,15 @@ def test_the_old_evaluate_of_a_policy_warns(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The evaluation itself takes fifty games, so it is replaced."""
+    from iphyre_jax.cli import app
+
     asked: list[object] = []
 
     def remember(command: object, console: object) -> int:
         asked.append(command)
         return 0
 
-    monkeypatch.setattr("iphyre_jax.cli.app._verify_pretrained", remember)
+    monkeypatch.setitem(app.SUBCOMMANDS, "verify-pretrained", (app.VerifyPretrained, remember))
     for command in ("verify-pretrained", "evaluate"):
         assert run([command, "ppo-i"]) == 0
     assert asked[0] == asked[1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from iphyre_jax import GAMES, SPLITS, SceneBuilder, load_scene, simulate, vary
+from iphyre_jax import GAMES, SPLITS, SceneBuilder, load_scene, scenes, simulate, vary
 from iphyre_jax.cli.main import run
 from iphyre_jax.scenes import Scene, read_scene, scene_json_schema, scene_to_dict, write_scene
 from iphyre_jax.scenes.compile import topology_of
@@ -43,6 +43,13 @@ def test_builder_refuses_what_is_wrong() -> None:
     builder.block((0, 0), (0, 0), eliminable=True, dynamic=True)
     with pytest.raises(ValueError, match="expected at least one ball"):
         builder.build()
+
+
+def test_the_old_name_of_object_ref_warns() -> None:
+    with pytest.warns(DeprecationWarning, match="ObjectRef"):
+        assert scenes.Part is scenes.ObjectRef
+    with pytest.raises(AttributeError):
+        _ = scenes.Parts
 
 
 def layout(*bars: Any, ball: Any = (500, 500, 20)) -> Layouts:

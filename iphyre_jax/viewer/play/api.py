@@ -10,14 +10,14 @@ import iphyre_jax
 from iphyre_jax.checks import show
 from iphyre_jax.files import parse_json
 from iphyre_jax.rules import NEVER, TIME_LIMIT
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.files import scene_text
 from iphyre_jax.scenes.geometry import scene_warnings
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.figures import figures, figures_of
 from iphyre_jax.viewer.load_plays import best_plays
-from iphyre_jax.viewer.pack import pack_play, pack_scene
+from iphyre_jax.viewer.pack import pack_play
 from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.play.session import Session
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
@@ -74,7 +74,7 @@ class Api:
 
     def _start(self, fields: Fields) -> object:
         """Return what the page shows before a game is chosen."""
-        own = [{"split": "own scenes", "name": scene.name, "scene": pack_scene(scene)} for scene in self._scenes]
+        own = [{"split": "own scenes", "name": scene.name, "scene": scene_to_dict(scene)} for scene in self._scenes]
         games = [{"split": split, "name": game, "scene": game} for split in SPLITS for game in SPLITS[split]]
         return {
             "version": iphyre_jax.__version__,
@@ -93,7 +93,7 @@ class Api:
         own = scene.name in GAMES and scene == load_scene(scene.name)
         best = best_plays().get(scene.name) if own else None
         return {
-            "scene": pack_scene(scene),
+            "scene": scene_to_dict(scene),
             "play": pack_play(untouched),
             "figures": figures_of(scene.name) if own else {},
             "best": dict(best.result or {}) if best else None,
