@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
+from iphyre_jax.physics.collision.contact_table import STATIC_BODY, ContactPoint, ContactTable
 from iphyre_jax.physics.constants import FRICTION, MASS, PERSISTENCE, RESTITUTION, SLOP, SWEEPS
 from iphyre_jax.physics.contact_rows import (
     Arm,
@@ -19,7 +20,6 @@ from iphyre_jax.physics.contact_rows import (
     relative_velocity,
     unpack_contact,
 )
-from iphyre_jax.physics.contact_table import STATIC_BODY, ContactPoint, ContactTable
 from iphyre_jax.physics.joints import Constraints
 from iphyre_jax.physics.types import Cache, Motion, Motions, Timing, World
 from iphyre_jax.physics.vector import Vec, cross, dot, perp, product, where

@@ -8,7 +8,8 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import broad_phase, contacts, joints, shapes, solver
+from iphyre_jax.physics import joints, solver
+from iphyre_jax.physics.collision import broad_phase, contacts, shapes
 from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, product
 

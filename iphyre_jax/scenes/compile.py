@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.physics import constants as c
-from iphyre_jax.physics.initial_order import Insertion, point_classes, replay_insertion
+from iphyre_jax.physics.collision.initial_order import Insertion, point_classes, replay_insertion
 from iphyre_jax.physics.types import STATIC, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.scene import Scene

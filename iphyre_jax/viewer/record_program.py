@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from iphyre_jax import rollouts
 from iphyre_jax.execution import programs
-from iphyre_jax.physics import contacts, shapes
+from iphyre_jax.physics.collision import contacts, shapes
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rules import NEVER
 

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import State, Timing, Topology, World, broad_phase, eliminate, initial_state
+from iphyre_jax.physics import State, Timing, Topology, World, eliminate, initial_state
+from iphyre_jax.physics.collision import broad_phase
 from iphyre_jax.physics.step import Stages, step_with_stages
 from iphyre_jax.physics.types import Motion
 from iphyre_jax.physics.vector import Vec

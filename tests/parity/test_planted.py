@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.physics import broad_phase, contacts, lanes, solver, tables
+from iphyre_jax.physics import lanes, solver, tables
+from iphyre_jax.physics.collision import broad_phase, contacts
 from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import compile as scene_compiler
 from parity.engines import instrumented, views

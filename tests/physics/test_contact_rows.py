@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from iphyre_jax.physics import contact_rows, solver
+from iphyre_jax.physics.collision.contact_table import BODY_BITS, STATIC_BODY, ContactTable
 from iphyre_jax.physics.constants import BAR_MOMENT, BIAS_BASE, SLOP
-from iphyre_jax.physics.contact_table import BODY_BITS, STATIC_BODY, ContactTable
 from iphyre_jax.physics.types import Cache, Motion
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene, step_timing
@@ -162,6 +162,28 @@ def test_the_masses_are_those_of_the_impulses(dtype: str) -> None:
         speeds = correct(motions(dtype))
     for speed, wanted in zip(speeds, (7, -3), strict=True):
         np.testing.assert_allclose(speed, wanted, atol=1e-10 if dtype == "float64" else 1e-3)
+
+
+@both
+def test_a_ball_alone_on_a_bar_is_the_first_body_and_needs_no_sign(dtype: str) -> None:
+    _, world = compile_scene(make_scene([(300, 50, RADII[0])], [(0, 300, 600, 300)]), dtype=dtype)
+    along = RADII[0] * (-NORMAL if dtype == "float64" else np.full(len(PAIRS), -1))  # in float32 in the contact's frame
+    given = IMPULSE[0] + 1j * IMPULSE[1]
+
+    @jax.jit
+    def push(body: Motion) -> tuple[Vec, Motion]:
+        arm, one = vec(along, dtype), jnp.ones(len(PAIRS), dtype)
+        ball = contact_rows.Arm(arm.x, arm.y if dtype == "float64" else None)
+        contact = contact_rows.Contact(vec(NORMAL, dtype), one, one, one, one, (), (ball,))
+        speed = contact_rows.relative_velocity(contact, [body])
+        return speed, contact_rows.apply_impulse(world, contact, [body], vec(given, dtype))[0]
+
+    with jax.enable_x64(dtype == "float64"):
+        speed, after = push(motions(dtype)[2])
+    arm, j = RADII[0] * NORMAL, given * NORMAL
+    np.testing.assert_allclose(number(speed), -(VELOCITY[2] + 1j * SPIN[2] * arm) / NORMAL, **near(dtype))
+    np.testing.assert_allclose(number(after.velocity), VELOCITY[2] - j, **near(dtype))
+    np.testing.assert_allclose(after.angular_velocity, SPIN[2] - cross(arm, j) / INERTIA[2], **near(dtype))
 
 
 @pytest.mark.parametrize("bars", [0, 2])

@@ -18,7 +18,7 @@ from iphyre_jax.compat import IPHYRE
 from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.observations.drawing import BALL, ELIMINABLE
 from iphyre_jax.observations.official import start_observation
-from iphyre_jax.physics.contact_table import STATIC_BODY
+from iphyre_jax.physics.collision.contact_table import STATIC_BODY
 from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import (
     Limits,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from iphyre_jax.physics import gjk
+from iphyre_jax.physics.collision import gjk
 from tests.physics.geometry import (
     Bars,
     Complex,

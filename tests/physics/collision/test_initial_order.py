@@ -11,9 +11,9 @@ import pytest
 from pymunk._chipmunk_cffi import ffi, lib
 
 from iphyre_jax import Scene
-from iphyre_jax.physics import initial_order
+from iphyre_jax.physics.collision import initial_order
+from iphyre_jax.physics.collision.initial_order import Insertion
 from iphyre_jax.physics.constants import HASH_COEFFICIENT
-from iphyre_jax.physics.initial_order import Insertion
 from iphyre_jax.scenes.limits import Limits
 from parity.engines.trace import TracedWorld
 from tests.physics.worlds import make_scene

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import physics
-from iphyre_jax.physics import shapes
+from iphyre_jax.physics.collision import shapes
 from iphyre_jax.physics.types import Box
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.physics import lanes
-from iphyre_jax.physics.narrow_phase import ManifoldPoint
+from iphyre_jax.physics.collision.narrow_phase import ManifoldPoint
 from iphyre_jax.physics.tables import POINT_ARM_FIRST, POINT_ARM_SECOND, POINT_NORMAL, POINT_SEPARATION, POINT_WIDTH
 from iphyre_jax.physics.vector import Vec, dot
 

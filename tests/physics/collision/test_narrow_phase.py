@@ -12,8 +12,8 @@ import pymunk
 import pytest
 from pymunk._chipmunk_cffi import lib
 
-from iphyre_jax.physics import gjk, narrow_phase
-from iphyre_jax.physics.narrow_phase import ManifoldPoint
+from iphyre_jax.physics.collision import gjk, narrow_phase
+from iphyre_jax.physics.collision.narrow_phase import ManifoldPoint
 from tests.physics.geometry import crossing, dot, nearest_on, number, random_bars, segment, shortest, vec, way_out
 from tests.physics.worlds import DTYPES
 

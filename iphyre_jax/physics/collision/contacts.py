@@ -15,10 +15,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.physics import broad_phase, gjk, lanes, shapes
-from iphyre_jax.physics.contact_table import BODY_BITS, KEY_NONE, STATIC_BODY, ContactBuffer, ContactFrame, ContactTable
-from iphyre_jax.physics.narrow_phase import ManifoldPoint, circle_circle, circle_segment, segment_segment
-from iphyre_jax.physics.shapes import Ball, Bar, Shapes
+from iphyre_jax.physics import lanes
+from iphyre_jax.physics.collision import broad_phase, gjk, shapes
+from iphyre_jax.physics.collision.contact_table import (
+    BODY_BITS,
+    KEY_NONE,
+    STATIC_BODY,
+    ContactBuffer,
+    ContactFrame,
+    ContactTable,
+)
+from iphyre_jax.physics.collision.narrow_phase import ManifoldPoint, circle_circle, circle_segment, segment_segment
+from iphyre_jax.physics.collision.shapes import Ball, Bar, Shapes
 from iphyre_jax.physics.tables import PAIR_FIRST_IS_A, PAIR_KEY, PAIR_POINT_CLASS
 from iphyre_jax.physics.types import Box, BroadPhase, Segment, Topology, World
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.physics import gjk
+from iphyre_jax.physics.collision import gjk
+from iphyre_jax.physics.collision.gjk import nearest
 from iphyre_jax.physics.constants import BAR_RADIUS
-from iphyre_jax.physics.gjk import nearest
 from iphyre_jax.physics.types import Segment
 from iphyre_jax.physics.vector import Vec, clamp01, cross, dot, length, lerp, normalized, product, rounded, where
 
