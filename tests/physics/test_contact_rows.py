@@ -164,6 +164,28 @@ def test_the_masses_are_those_of_the_impulses(dtype: str) -> None:
         np.testing.assert_allclose(speed, wanted, atol=1e-10 if dtype == "float64" else 1e-3)
 
 
+@both
+def test_a_ball_alone_on_a_bar_is_the_first_body_and_needs_no_sign(dtype: str) -> None:
+    _, world = compile_scene(make_scene([(300, 50, RADII[0])], [(0, 300, 600, 300)]), dtype=dtype)
+    along = RADII[0] * (-NORMAL if dtype == "float64" else np.full(len(PAIRS), -1))  # in float32 in the contact's frame
+    given = IMPULSE[0] + 1j * IMPULSE[1]
+
+    @jax.jit
+    def push(body: Motion) -> tuple[Vec, Motion]:
+        arm, one = vec(along, dtype), jnp.ones(len(PAIRS), dtype)
+        ball = contact_rows.Arm(arm.x, arm.y if dtype == "float64" else None)
+        contact = contact_rows.Contact(vec(NORMAL, dtype), one, one, one, one, (), (ball,))
+        speed = contact_rows.relative_velocity(contact, [body])
+        return speed, contact_rows.apply_impulse(world, contact, [body], vec(given, dtype))[0]
+
+    with jax.enable_x64(dtype == "float64"):
+        speed, after = push(motions(dtype)[2])
+    arm, j = RADII[0] * NORMAL, given * NORMAL
+    np.testing.assert_allclose(number(speed), -(VELOCITY[2] + 1j * SPIN[2] * arm) / NORMAL, **near(dtype))
+    np.testing.assert_allclose(number(after.velocity), VELOCITY[2] - j, **near(dtype))
+    np.testing.assert_allclose(after.angular_velocity, SPIN[2] - cross(arm, j) / INERTIA[2], **near(dtype))
+
+
 @pytest.mark.parametrize("bars", [0, 2])
 @both
 def test_packed_contacts_come_back(bars: int, dtype: str) -> None:
