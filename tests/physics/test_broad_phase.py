@@ -17,6 +17,7 @@ from iphyre_jax.physics import broad_phase
 from iphyre_jax.physics.broad_phase import COUNTER_START, STATIC_RANKS, Counters
 from iphyre_jax.physics.contacts import KEY_NONE
 from iphyre_jax.physics.types import Box, BroadPhase
+from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import compile_scene, static_order
 from parity.engines.reference import ReferenceWorld
 from tests.physics.geometry import vec
@@ -95,8 +96,12 @@ def fly(name: str) -> Flight:
     with jax.enable_x64(True):
         topology, world = compile_scene(scene, resets=resets)
         broad = jax.jit(partial(physics.initial_state, topology))(world).broad
-        update = jax.jit(partial(broad_phase.update, topology, world))
-        order = jax.jit(lambda broad: vars(broad_phase.order(topology, world, broad)))
+
+        @jax.jit
+        def update(broad: BroadPhase, box: Box, velocity: Vec, step: Any) -> tuple[BroadPhase, dict[str, Any]]:
+            broad = broad_phase.update(topology, world, broad, box, velocity, step)
+            return broad, vars(broad_phase.order(topology, world, broad))
+
         for step in range(steps):
             seen.velocities.append(np.array([complex(*reference.bodies[i].velocity) for i in movers]))
             seen.visited.append([])
@@ -107,9 +112,9 @@ def fly(name: str) -> Flight:
             )
             hits = reference.space.bb_query(EVERYWHERE, pymunk.ShapeFilter())
             seen.tree.append([i for i in map(reference.shapes.index, hits) if i in movers])
-            broad = update(broad, box(*seen.boxes[-1]), vec(seen.velocities[-1]), jnp.int32(step))
+            broad, order = update(broad, box(*seen.boxes[-1]), vec(seen.velocities[-1]), np.int32(step))
             seen.ours.append(jax.tree.map(np.asarray, broad))
-            seen.orders.append(jax.tree.map(np.asarray, order(broad)))
+            seen.orders.append(jax.tree.map(np.asarray, order))
             for i in movers if step % 7 == 2 else []:  # towards the middle
                 aim = np.array([250.0, 255.0]) + generator.uniform(-120, 120, 2) - reference.bodies[i].position
                 reference.bodies[i].velocity = tuple((2 * aim).tolist())

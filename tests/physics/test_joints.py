@@ -17,6 +17,7 @@ import pytest
 from iphyre_jax import physics
 from iphyre_jax.physics import joints, solver
 from iphyre_jax.physics.constants import BIAS_BASE
+from iphyre_jax.physics.types import Motion
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 from tests.physics.geometry import dot, number, vec
 from tests.physics.worlds import make_scene
@@ -37,29 +38,32 @@ def float64() -> Iterator[None]:
         yield
 
 
-_initial_state = jax.jit(physics.initial_state, static_argnums=0)
-
-
 def world_of(joint_pairs: Any, springs: Any = ()) -> Any:
-    """Return topology, world and state of two static bars and four balls that have moved; objects 2 .. 5 are balls."""
+    """Return topology and world of two static bars and four balls, objects 2 .. 5, and how these have moved."""
     topology, world = compile_scene(make_scene(STARTS, [BAR, FAR_BAR], joints=joint_pairs, springs=springs))
-    state = _initial_state(topology, world)
-    motion = replace(state.motion, velocity=vec(VELOCITY))
+    velocity, still, zero = vec(VELOCITY), vec(np.zeros(4)), jnp.zeros(4)
     impulse = jnp.full(len(joint_pairs), PIN_IMPULSE)
-    return topology, world, replace(state, position=vec(MOVED), motion=motion, pin_impulse=impulse)
+    changes = {"position": vec(MOVED), "motion": Motion(velocity, zero, still, zero), "pin_impulse": impulse}
+    return topology, world, changes
+
+
+def _prepare(topology: Any, world: Any, changes: dict[str, Any]) -> Any:
+    """Return timing, links, velocities and places of a world after changes of its first state."""
+    timing, state = step_timing(FPS, "float64"), replace(physics.initial_state(topology, world), **changes)
+    links = joints.prepare(topology, world, timing, state)
+    return timing, links, solver.unstack(state.motion, topology.moving), state.place
 
 
 @partial(jax.jit, static_argnums=0)
-def _stages(topology: Any, world: Any, state: Any) -> dict[str, Any]:
+def _stages(topology: Any, world: Any, changes: dict[str, Any]) -> dict[str, Any]:
     """Return what each function makes of the same links and velocities."""
-    timing = step_timing(FPS, "float64")
-    links, bodies = joints.prepare(topology, world, timing, state), solver.unstack(state.motion, topology.moving)
-    once = joints.sweep(topology, timing, links, bodies, state.place)
-    twice = joints.sweep(topology, timing, *once, state.place)
+    timing, links, bodies, place = _prepare(topology, world, changes)
+    once = joints.sweep(topology, timing, links, bodies, place)
+    twice = joints.sweep(topology, timing, *once, place)
     return {
         "links": links,
-        "springs": joints.apply_springs(topology, links, bodies, state.place),
-        "cached": joints.apply_cached(topology, links, bodies, state.place),
+        "springs": joints.apply_springs(topology, links, bodies, place),
+        "cached": joints.apply_cached(topology, links, bodies, place),
         "once": once[1],
         "links once": once[0],
         "twice": twice[1],
@@ -68,10 +72,9 @@ def _stages(topology: Any, world: Any, state: Any) -> dict[str, Any]:
 
 
 @partial(jax.jit, static_argnums=0)
-def _one_sweep(topology: Any, world: Any, state: Any) -> Any:
-    timing, bodies = step_timing(FPS, "float64"), solver.unstack(state.motion, topology.moving)
-    links = joints.prepare(topology, world, timing, state)
-    return links, joints.sweep(topology, timing, links, bodies, state.place)[1]
+def _one_sweep(topology: Any, world: Any, changes: dict[str, Any]) -> Any:
+    timing, links, bodies, place = _prepare(topology, world, changes)
+    return links, joints.sweep(topology, timing, links, bodies, place)[1]
 
 
 def velocities(motions: Any) -> Any:
@@ -86,8 +89,8 @@ def of_ends(pair: tuple[int, int], values: Any, static: Any) -> Any:
 @pytest.mark.parametrize("kind", KINDS)
 def test_pins_and_springs_by_their_formulae(kind: str) -> None:
     pin, spring = KINDS[kind]
-    topology, world, state = world_of([pin], [spring])
-    found = _stages(topology, world, state)
+    topology, world, changes = world_of([pin], [spring])
+    found = _stages(topology, world, changes)
     centres = [150 + 510j, 450 + 490j]
     movers = {pair: [i - 2 for i in pair if i >= 2] for pair in (pin, spring)}
     for k, pair in enumerate((pin, spring)):
@@ -122,8 +125,8 @@ def test_pins_and_springs_by_their_formulae(kind: str) -> None:
 def test_the_bias_leaves_its_share_of_the_error_after_a_second() -> None:
     """One step at the wanted speed leaves 1 - bias of the error, all steps of a second the base."""
     pin, spring = KINDS["between balls"]
-    topology, world, state = world_of([pin], [spring])
-    link = _stages(topology, world, state)["links"][0]
+    topology, world, changes = world_of([pin], [spring])
+    link = _stages(topology, world, changes)["links"][0]
     error = abs(MOVED[1] - MOVED[0]) - 100
     np.testing.assert_allclose((error + float(link.target) * DT) / error, BIAS_BASE**DT, rtol=1e-12)
     for fps in (10, 60):
@@ -132,8 +135,8 @@ def test_the_bias_leaves_its_share_of_the_error_after_a_second() -> None:
 
 def test_a_removed_bar_lets_go() -> None:
     pin, spring = KINDS["with bars"]
-    topology, world, state = world_of([pin], [spring])
-    found = _stages(topology, world, replace(state, alive=jnp.zeros_like(state.alive)))
+    topology, world, changes = world_of([pin], [spring])
+    found = _stages(topology, world, changes | {"alive": np.zeros(topology.num_static, bool)})
     for stage in ("springs", "cached", "once", "twice"):
         np.testing.assert_array_equal(velocities(found[stage]), VELOCITY, stage)
     assert found["links twice"][0].impulse == PIN_IMPULSE
@@ -141,8 +144,8 @@ def test_a_removed_bar_lets_go() -> None:
 
 def test_a_spring_between_two_centres_in_one_does_not_pull() -> None:
     pin, spring = KINDS["between balls"]
-    topology, world, state = world_of([pin], [spring])
-    found = _stages(topology, world, replace(state, position=vec([*MOVED[:3], MOVED[2]])))
+    topology, world, changes = world_of([pin], [spring])
+    found = _stages(topology, world, changes | {"position": vec([*MOVED[:3], MOVED[2]])})
     assert number(found["links"][1].normal) == 0
     np.testing.assert_array_equal(velocities(found["springs"]), VELOCITY)
     np.testing.assert_array_equal(velocities(found["once"])[2:], VELOCITY[2:])
@@ -152,8 +155,8 @@ def test_a_spring_between_two_centres_in_one_does_not_pull() -> None:
 def test_a_sweep_goes_by_the_places_in_the_list(place: tuple[int, ...]) -> None:
     """A chain of three pins, each pushed on by the one before; a removed pin has the place -1."""
     pins = [(2, 3), (3, 4), (4, 5)]
-    topology, world, state = world_of(pins)
-    links, after = _one_sweep(topology, world, replace(state, place=jnp.array(place, jnp.int32)))
+    topology, world, changes = world_of(pins)
+    links, after = _one_sweep(topology, world, changes | {"place": np.array(place, np.int32)})
     expected = VELOCITY.copy()
     for k in sorted((k for k in range(3) if place[k] >= 0), key=lambda k: place[k]):
         link, (i, j) = links[k], (pins[k][0] - 2, pins[k][1] - 2)
@@ -168,17 +171,21 @@ def test_the_last_constraint_takes_the_hole_of_a_removed_one() -> None:
     pins, springs = [(0, 3), (1, 4), (2, 5), (0, 4)], [(1, 5), (2, 3)]
     bars = [BAR, FAR_BAR, (250.0, 300.0, 350.0, 300.0)]
     topology, world = compile_scene(make_scene(STARTS[:3], bars, joints=pins, springs=springs))
-    close = jax.jit(partial(joints.close_holes, topology))
-    first = _initial_state(topology, world)
+
+    @jax.jit
+    def close(place: Any, before: Any, after: Any) -> jax.Array:
+        state = replace(physics.initial_state(topology, world), place=place, alive=before)
+        return joints.close_holes(topology, world, state, after)
+
     for order in itertools.permutations(range(3)):
         for groups in ([order[:1], order[1:2], order[2:]], [order[:1], order[1:]], [order[:2], order[2:]], [order]):
-            state, left = first, list(range(6))
+            place, alive, left = np.arange(6, dtype=np.int32), np.asarray(world.valid), list(range(6))
             for group in groups:
-                alive = state.alive & ~jnp.isin(world.plan_slot, np.array(group))
-                state = replace(state, place=close(world, state, alive), alive=alive)
+                before, alive = alive, alive & ~np.isin(world.plan_slot, group)
+                place = close(place, before, alive)
                 for bar in sorted(group):
                     for k in [k for k, pair in enumerate(pins + springs) if bar in pair]:
                         hole = left.index(k)
                         left[hole] = left[-1]
                         left.pop()
-                assert state.place.tolist() == [left.index(k) if k in left else -1 for k in range(6)]
+                assert place.tolist() == [left.index(k) if k in left else -1 for k in range(6)]
