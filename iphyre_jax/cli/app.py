@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -114,7 +113,7 @@ def _verify_pretrained(command: VerifyPretrained, console: Console) -> int:
     """`iphyre-jax verify-pretrained`."""
     if command.name not in pretrained.names():
         raise ValueError(f"name: expected one of {', '.join(pretrained.names())}, got {command.name!r}")
-    return train.run(train.Evaluate(Path(command.name)), console)
+    return train.verify_pretrained(command.name, console)
 
 
 def _simulate(command: Simulate, console: Console) -> None:

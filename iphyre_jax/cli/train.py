@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.viewer import evaluate_plays
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -59,13 +58,10 @@ class Resume:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluate a run's policy again and rewrite its evaluation.json and evaluation.md.
-
-    Or play a policy of the package and compare with its shipped scores; or score a file of plays.
-    """
+    """Evaluate the policy of a run again and rewrite its evaluation.json and evaluation.md."""
 
     run: tyro.conf.Positional[Path]
-    """The run folder, a policy of the package by name, such as ppo-i, or a file of plays (JSON lines)."""
+    """The run folder."""
     checkpoint: str | None = None
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
@@ -126,11 +122,6 @@ def run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Resume):
         return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
-        if command.run.is_file():
-            evaluate_plays(command.run, console)
-            return 0
-        if not command.run.exists() and str(command.run) in pretrained.names():
-            return _reproduce(str(command.run), console)
         config, state = runs.load(command.run, command.checkpoint)
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         _evaluate_and_report(command.run, config, state, games, console)
@@ -163,8 +154,8 @@ def _evaluate_and_report(
     console.print(f"More in {folder / 'evaluation.md'}")
 
 
-def _reproduce(name: str, console: Console) -> int:
-    """Play a policy of the package on its fifty games; 0 if all scores equal the shipped ones."""
+def verify_pretrained(name: str, console: Console) -> int:
+    """Play a policy of the package on its fifty games; return 0 if all scores equal the published ones, else 1."""
     policy = pretrained.load_pretrained(name)
     with console.status(f"evaluating on {len(pretrained.PLAYED)} games"):
         evaluation = evaluate(policy.config, policy.state, pretrained.PLAYED)
@@ -172,7 +163,7 @@ def _reproduce(name: str, console: Console) -> int:
     different = pretrained.differences(policy, evaluation)
     for line in different:
         console.print(line)
-    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the shipped ones.")
+    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the published ones.")
     return 1 if different else 0
 
 

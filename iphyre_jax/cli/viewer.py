@@ -208,17 +208,12 @@ def play(command: PlayPage, console: Console) -> None:
 
 
 def score(command: Score, console: Console) -> None:
-    """`iphyre-jax score`."""
-    evaluate_plays(command.plays, console)
-
-
-def evaluate_plays(path: Path, console: Console) -> None:
-    """Replay a file of plays and print each agent's rewards by game.
+    """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 
     Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
     """
     groups: dict[tuple[int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for entry in load_plays(path):
+    for entry in load_plays(command.plays):
         recording = entry.record()
         groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
         if difference := entry.difference(recording):

@@ -48,7 +48,7 @@ def world_of(joint_pairs: Any, springs: Any = ()) -> Any:
 
 
 def _prepare(topology: Any, world: Any, changes: dict[str, Any]) -> Any:
-    """Return timing, constraints, velocities and places of a world after changes of its first state."""
+    """Return timing, constraints, velocities and ranks of a world after changes of its first state."""
     timing, state = step_timing(FPS, "float64"), replace(physics.initial_state(topology, world), **changes)
     constraints = joints.prepare(topology, world, timing, state)
     return timing, constraints, solver.unstack(state.motion, topology.moving), state.constraint_rank
@@ -57,13 +57,13 @@ def _prepare(topology: Any, world: Any, changes: dict[str, Any]) -> Any:
 @partial(jax.jit, static_argnums=0)
 def _stages(topology: Any, world: Any, changes: dict[str, Any]) -> dict[str, Any]:
     """Return what each function makes of the same constraints and velocities."""
-    timing, constraints, bodies, place = _prepare(topology, world, changes)
-    once = joints.sweep(topology, timing, constraints, bodies, place)
-    twice = joints.sweep(topology, timing, *once, place)
+    timing, constraints, bodies, rank = _prepare(topology, world, changes)
+    once = joints.sweep(topology, timing, constraints, bodies, rank)
+    twice = joints.sweep(topology, timing, *once, rank)
     return {
         "constraints": constraints,
-        "springs": joints.apply_springs(topology, constraints, bodies, place),
-        "cached": joints.apply_cached(topology, constraints, bodies, place),
+        "springs": joints.apply_springs(topology, constraints, bodies, rank),
+        "cached": joints.apply_cached(topology, constraints, bodies, rank),
         "once": once[1],
         "constraints once": once[0],
         "twice": twice[1],
@@ -73,8 +73,8 @@ def _stages(topology: Any, world: Any, changes: dict[str, Any]) -> dict[str, Any
 
 @partial(jax.jit, static_argnums=0)
 def _one_sweep(topology: Any, world: Any, changes: dict[str, Any]) -> Any:
-    timing, constraints, bodies, place = _prepare(topology, world, changes)
-    return constraints, joints.sweep(topology, timing, constraints, bodies, place)[1]
+    timing, constraints, bodies, rank = _prepare(topology, world, changes)
+    return constraints, joints.sweep(topology, timing, constraints, bodies, rank)[1]
 
 
 def velocities(motions: Any) -> Any:
@@ -151,14 +151,14 @@ def test_a_spring_between_two_centres_in_one_does_not_pull() -> None:
     np.testing.assert_array_equal(velocities(found["once"])[2:], VELOCITY[2:])
 
 
-@pytest.mark.parametrize("place", [(0, 1, 2), (2, 0, 1), (1, -1, 0)])
-def test_a_sweep_goes_by_the_places_in_the_list(place: tuple[int, ...]) -> None:
-    """A chain of three pins, each pushed on by the one before; a removed pin has the place -1."""
+@pytest.mark.parametrize("rank", [(0, 1, 2), (2, 0, 1), (1, -1, 0)])
+def test_a_sweep_goes_by_the_places_in_the_list(rank: tuple[int, ...]) -> None:
+    """A chain of three pins, each pushed on by the one before; a removed pin has the rank -1."""
     pins = [(2, 3), (3, 4), (4, 5)]
     topology, world, changes = world_of(pins)
-    constraints, after = _one_sweep(topology, world, changes | {"constraint_rank": np.array(place, np.int32)})
+    constraints, after = _one_sweep(topology, world, changes | {"constraint_rank": np.array(rank, np.int32)})
     expected = VELOCITY.copy()
-    for k in sorted((k for k in range(3) if place[k] >= 0), key=lambda k: place[k]):
+    for k in sorted((k for k in range(3) if rank[k] >= 0), key=lambda k: rank[k]):
         link, (i, j) = constraints[k], (pins[k][0] - 2, pins[k][1] - 2)
         normal = number(link.normal)
         push = (float(link.target) - dot(expected[j] - expected[i], normal)) / 2 * normal
@@ -173,19 +173,19 @@ def test_the_last_constraint_takes_the_hole_of_a_removed_one() -> None:
     topology, world = compile_scene(make_scene(STARTS[:3], bars, joints=pins, springs=springs))
 
     @jax.jit
-    def close(place: Any, before: Any, after: Any) -> jax.Array:
-        state = replace(physics.initial_state(topology, world), constraint_rank=place, alive=before)
+    def close(rank: Any, before: Any, after: Any) -> jax.Array:
+        state = replace(physics.initial_state(topology, world), constraint_rank=rank, alive=before)
         return joints.close_holes(topology, world, state, after)
 
     for order in itertools.permutations(range(3)):
         for groups in ([order[:1], order[1:2], order[2:]], [order[:1], order[1:]], [order[:2], order[2:]], [order]):
-            place, alive, left = np.arange(6, dtype=np.int32), np.asarray(world.valid), list(range(6))
+            rank, alive, left = np.arange(6, dtype=np.int32), np.asarray(world.valid), list(range(6))
             for group in groups:
                 before, alive = alive, alive & ~np.isin(world.plan_slot, group)
-                place = close(place, before, alive)
+                rank = close(rank, before, alive)
                 for bar in sorted(group):
                     for k in [k for k, pair in enumerate(pins + springs) if bar in pair]:
                         hole = left.index(k)
                         left[hole] = left[-1]
                         left.pop()
-                assert place.tolist() == [left.index(k) if k in left else -1 for k in range(6)]
+                assert rank.tolist() == [left.index(k) if k in left else -1 for k in range(6)]
