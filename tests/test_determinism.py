@@ -1,4 +1,4 @@
-"""What stays equal bit for bit from process to process (the section Determinism of docs/parity.md).
+"""What stays equal bit for bit from process to process (the section Determinism of docs/reference/parity.md).
 
 Others: a world's neighbours and its place, tests/physics/test_batching.py; threads,
 tests/execution/compilation/test_executables.py; training, tests/train/storage/test_runs.py.

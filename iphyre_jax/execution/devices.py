@@ -58,7 +58,7 @@ def on_cpu() -> bool:
 def lanes_of(topology: Topology, dtype: str) -> int:
     """Return how many worlds of a topology a core plays side by side: a power of two, 32 to 128.
 
-    Their state should stay in the core's first cache. Measured; see "Lanes" in docs/decisions.md.
+    Their state should stay in the core's first cache. Measured; see "Lanes" in docs/decisions/engine.md.
     """
     layout, lanes = episode_layout(topology, dtype), LANES
     while lanes > FEWEST and layout.rows * lanes * layout.word_size > STATE_BYTES:

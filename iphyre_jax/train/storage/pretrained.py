@@ -1,4 +1,4 @@
-"""Trained policies that ship with the package: the best seed of each row of docs/results.md.
+"""Trained policies that ship with the package: the best seed of each row of docs/results/results.md.
 
 Each is two files of `weights/`. They are data and run no code when loaded:
 
@@ -47,7 +47,7 @@ class Pretrained:
     """A trained policy.
 
     Attributes:
-        name: of the policy, as in docs/results.md: "ppo-i".
+        name: of the policy, as in docs/results/results.md: "ppo-i".
         config: settings of its training; strategy, observation and rate decide where it can play.
         state: of its algorithm, for inference only.
         scores: "splits" and "games" of its evaluation, as in evaluation.json.
