@@ -132,12 +132,7 @@ def simulate_many(
 
 
 def _settings(
-    fps: float,
-    duration: float,
-    dtype: str,
-    resets: int,
-    sample_every: int | None,
-    share_prefixes: bool = False,
+    fps: float, duration: float, dtype: str, resets: int, sample_every: int | None, share_prefixes: bool = False
 ) -> Settings:
     rate, seconds = check_positive("fps", fps), check_positive("duration", duration)
     every = None if sample_every is None else check_whole("sample_every", sample_every)

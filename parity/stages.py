@@ -163,13 +163,7 @@ def _just_touches(pair: ObjectPair, *views: StepView) -> bool:
 
 
 def first_divergence(
-    scene: Scene,
-    eliminate_at: NDArray[np.integer[Any]],
-    *,
-    fps: int,
-    steps: int,
-    resets: int = 1,
-    exact: bool = False,
+    scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, fps: int, steps: int, resets: int = 1, exact: bool = False
 ) -> Divergence | None:
     """Play one plan in both engines side by side and name the first stage in which they differ.
 

@@ -39,13 +39,7 @@ class Ours:
     def play(self) -> None:
         """Play them all in one call."""
         self.played = iphyre_jax.simulate_many(
-            self.scenes,
-            self.which,
-            self.plans,
-            fps=self.fps,
-            duration=self.duration,
-            dtype=self.dtype,
-            mesh=self.mesh,
+            self.scenes, self.which, self.plans, fps=self.fps, duration=self.duration, dtype=self.dtype, mesh=self.mesh
         )
 
     def results(self) -> EpisodeResults:

@@ -36,11 +36,7 @@ def save_start(simulator: IPHYRE, save_path: str, images: bool) -> None:
 
 
 def save_sequences(
-    simulator: IPHYRE,
-    save_path: str,
-    act_lists: Sequence[Sequence[Sequence[float]]],
-    fps: int,
-    images: bool,
+    simulator: IPHYRE, save_path: str, act_lists: Sequence[Sequence[Sequence[float]]], fps: int, images: bool
 ) -> None:
     """Save the states under each list of timed clicks in save_path/game/number.
 

@@ -125,11 +125,7 @@ def combined(simulator: Clickable, actions: Iterator[NDArray[np.float32]], *, la
     return episode
 
 
-DRIVERS: dict[str, Callable[..., Episode]] = {
-    "in-advance": in_advance,
-    "on-the-fly": on_the_fly,
-    "combined": combined,
-}
+DRIVERS: dict[str, Callable[..., Episode]] = {"in-advance": in_advance, "on-the-fly": on_the_fly, "combined": combined}
 
 
 def random_actions(strategy: str, rng: np.random.Generator) -> Iterator[Any]:

@@ -40,12 +40,7 @@ class GameTable:
     """
 
     def __init__(
-        self,
-        key: bytes,
-        scenes: Ints,
-        topology_id: Ints,
-        programs: Sequence[EnvStep],
-        observations: HostObservations,
+        self, key: bytes, scenes: Ints, topology_id: Ints, programs: Sequence[EnvStep], observations: HostObservations
     ) -> None:
         self.key, self.topology_id, self.observations = key, topology_id, observations
         self._programs = programs

@@ -160,14 +160,7 @@ class HostStep:
         table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
         table.start_words, table.start_obs = words, obs
 
-    def _run(
-        self,
-        table: GameTable,
-        episodes: Ints,
-        requests: Ints,
-        out: tuple[Ints, Floats],
-        group: Group,
-    ) -> None:
+    def _run(self, table: GameTable, episodes: Ints, requests: Ints, out: tuple[Ints, Floats], group: Group) -> None:
         """Play one decision of the worlds of a group; `out` receives episodes and observations of moving bodies."""
         program, count, rows = self.programs[group.topology_id], len(group.games), group.rows
         width = program.episode_words

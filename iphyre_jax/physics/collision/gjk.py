@@ -115,10 +115,7 @@ def _expand(one: Segment, two: Segment, search: _Search) -> tuple[Corner, Corner
     beyond = (q.code != a.code) & (q.code != b.code) & _greater(a.at, b.at, q.at)
     far_a, far_b, *_ = _nearest_side([a, q, b, c])
     inside = search.encloses
-    return (
-        _choose(inside, _choose(beyond, far_a, a), search.v),
-        _choose(inside, _choose(beyond, far_b, b), search.w),
-    )
+    return (_choose(inside, _choose(beyond, far_a, a), search.v), _choose(inside, _choose(beyond, far_b, b), search.w))
 
 
 def _nearest_side(hull: list[Corner]) -> list[Corner]:

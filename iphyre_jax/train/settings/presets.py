@@ -151,12 +151,8 @@ _DDPG: Final = AgentSpec(
     "DDPG",
     DDPG,
     plan_heads=("deterministic",),
-    default={
-        "in-advance": _SMALL | {"head": "deterministic", "learner": DDPG(learning_rate=1e-3, noise_updates=40)},
-    },
-    paper={
-        "in-advance": _run(_PAPER_DDPG, 800, 100, head="deterministic", activation="relu", hidden_sizes=(400, 300)),
-    },
+    default={"in-advance": _SMALL | {"head": "deterministic", "learner": DDPG(learning_rate=1e-3, noise_updates=40)}},
+    paper={"in-advance": _run(_PAPER_DDPG, 800, 100, head="deterministic", activation="relu", hidden_sizes=(400, 300))},
 )
 _DQN: Final = AgentSpec(
     "DQN",
@@ -164,7 +160,7 @@ _DQN: Final = AgentSpec(
     default={
         "on-the-fly": _run(
             DQN(n_step=10, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25), 40, 8, activation="relu", **_FLY
-        ),
+        )
     },
     paper={"on-the-fly": _run(_PAPER_DQN, 200, 4, head="uniform")},
 )
