@@ -166,7 +166,7 @@ def test_a_folder_in_use_is_refused(finished: loop.TrainingResult, capsys: pytes
 def test_damaged_folders_get_one_line(finished: loop.TrainingResult, tmp_path: Path) -> None:
     cases = {
         "missing": "there is no config.json",
-        "not_json": "config.json: not JSON",
+        "not_json": "config.json: expected JSON",
         "other_schema": "config.json: schema: expected",
         "other_version": "config.json: version: expected 3, got 1",
         "bad_setting": "config.json: fps: expected a multiple of 10",
