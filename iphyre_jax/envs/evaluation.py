@@ -90,7 +90,7 @@ def evaluate(
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
             ignores its key.
-        split: a split's name, "all" for the forty games, or names, files and scenes.
+        split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
         observation: of the policy, see `make`.
@@ -158,7 +158,6 @@ def _games(split: object) -> object:
     if isinstance(split, str):
         if split in SPLITS:
             return SPLITS[split]
-        raise ValueError(f"split: expected one of all, {', '.join(SPLITS)}, or a sequence of scenes, got {split!r}")
-    if isinstance(split, PathLike):
-        raise ValueError("split: expected a sequence of scenes, got a single path")
-    return split
+        if split not in GAMES and not split.endswith(".json"):
+            raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {split!r}")
+    return [split] if isinstance(split, str | PathLike) else split

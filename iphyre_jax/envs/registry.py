@@ -94,7 +94,7 @@ def make(
     if strategy not in STRATEGIES or games not in sets:
         close = get_close_matches(str(id), environment_ids(), n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else 'they look like "in-advance/basic-v1"'
-        raise ValueError(f"id: expected one of iphyre_jax.environment_ids(), got {id!r} ({hint})")
+        raise ValueError(f"id: expected one of iphyre_jax.environment_ids(), see also register, got {id!r} ({hint})")
     return environment_of(
         id,
         load_scenes(sets[games], limits),

@@ -41,7 +41,7 @@ def test_scores_are_those_of_the_episodes() -> None:
 
 def test_bad_evaluations_get_one_line() -> None:
     for options, message in (
-        ({"split": "bascic"}, "split: expected one of all, basic"),
+        ({"split": "bascic"}, "split: expected all, basic"),
         ({"split": []}, "scenes: expected a sequence"),
         ({"strategy": "guess"}, "strategy: expected one of in-advance, on-the-fly, combined"),
         ({"protocol": "human"}, "protocol: expected one of"),
