@@ -162,6 +162,7 @@ def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatc
     )
 
 
+@pytest.mark.slow
 def test_output_that_nobody_reads_is_no_error() -> None:
     command = [sys.executable, "-m", "iphyre_jax", "--help"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -172,6 +173,7 @@ def test_output_that_nobody_reads_is_no_error() -> None:
         assert process.wait() == 141
 
 
+@pytest.mark.slow
 def test_python_m_is_the_same_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "iphyre_jax", "games", "--split", "advanced"],

@@ -104,6 +104,7 @@ def test_worlds_without_lanes_in_few_lanes_and_in_many_agree(dtype: str) -> None
             np.testing.assert_allclose(pose, many.samples[row, -1, -1], atol=1e-9 if dtype == "float64" else 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("game", "dtype"), [("hole", "float32"), ("fill", "float64")])
 def test_unused_room_changes_nothing(game: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """More contact slots, and more places for static bars than the scene has."""
@@ -159,6 +160,7 @@ def test_a_removed_bar_lets_the_ball_fall(dtype: str) -> None:
     assert np.isnan(played.samples[0, 1:, 0]).all()
 
 
+@pytest.mark.slow
 @both
 def test_compiled_steps_equal_plain_ones(dtype: str) -> None:
     """A ball pressed onto a bar, three steps without jit: in float64 bit for bit, no product is fused with a sum."""

@@ -106,6 +106,7 @@ def test_any_form_of_batch_gives_the_same(two: str) -> None:
         assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
 
 
+@pytest.mark.slow
 def test_calls_leave_no_trace(two: str) -> None:
     """The same call gives the same, whatever was asked for in between."""
     env, params = iphyre_jax.make(f"on-the-fly/{two}")

@@ -65,6 +65,7 @@ def assert_same(env: Any, params: Any, batch: Batch, after: Batch, steps: Steps)
         np.testing.assert_allclose(steps.info[name], info[name], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_mixture_on_the_fly_is_played_as_step_plays_it(two: str) -> None:
     env, params = iphyre_jax.make(f"on-the-fly/{two}")
     batch = Batch.of(env, params, np.repeat([1, 0], [5, 4]))
@@ -78,6 +79,7 @@ def test_a_mixture_on_the_fly_is_played_as_step_plays_it(two: str) -> None:
     np.testing.assert_array_equal(again.reward, steps.reward)
 
 
+@pytest.mark.slow
 def test_whole_episodes_combined_and_the_pure_form() -> None:
     """Without autoreset, from the start, as many decisions as an episode may take are whole episodes."""
     env, params = iphyre_jax.make("combined/support-v1", autoreset=False)

@@ -138,6 +138,7 @@ def test_small_differences_count_within_a_scene() -> None:
     assert greedy_actions(config, probe, learned(config, probe))[0, 0, 1] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("agent", "gamma"), [("ppo", 0.5), ("dqn", 0.5)])
 def test_values_are_discounted_sums(agent: str, gamma: float) -> None:
     """400 points in each of three decisions, whatever is done: 0.4 (1 + d + d^2), 0.4 (1 + d), 0.4."""
@@ -261,6 +262,7 @@ def test_noise_and_epsilon_fall() -> None:
     np.testing.assert_allclose(share, [1.0, 0.02, 0.02, 0.02], rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo time_grid", "dqn on the fly"])
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
     """Two learners under `vmap` learn what each learns alone."""

@@ -35,6 +35,7 @@ def numbers(lines: list[dict[str, str]]) -> list[list[float]]:
     return [[float(cell or 0) for name, cell in line.items() if "seconds" not in name] for line in lines]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo", "ddpg"])
 def test_an_old_run_is_evaluated_and_resumed(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checkpoint, "_same_versions", lambda path: None)  # other packages: close, not bit for bit
