@@ -103,3 +103,8 @@ def replace_bytes(path: Path, content: bytes) -> None:
 def replace_text(path: Path, text: str) -> None:
     """Write a text file, UTF-8, in place of an older one; it is whole at any moment."""
     replace_bytes(path, text.encode())
+
+
+def replace_json(path: Path, content: dict[str, Any]) -> None:
+    """Write readable JSON in place of an older file; it is whole at any moment."""
+    replace_text(path, json.dumps(content, indent=1) + "\n")

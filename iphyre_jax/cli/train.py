@@ -14,6 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
@@ -133,8 +134,8 @@ def run(command: TrainingCommand, console: Console) -> int:
 def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> int:
     """Evaluate a finished run, if asked to; say how to continue an unfinished one."""
     if not result.finished:
-        console.print(f"Saved in {result.folder}; `iphyre-jax resume {result.folder}` continues it,")
-        console.print(f"`iphyre-jax evaluate {result.folder}` evaluates it as it is.")
+        say(console, f"Saved in {result.folder}; `iphyre-jax resume {result.folder}` continues it,")
+        say(console, f"`iphyre-jax evaluate {result.folder}` evaluates it as it is.")
         return INTERRUPTED
     if not evaluated:
         return 0
@@ -151,7 +152,7 @@ def _evaluate_and_report(
         evaluation = evaluate(config, state.learner, games)
     runs.write_evaluation(folder, config, evaluation, int(state.update))
     _print_splits(evaluation, config, console)
-    console.print(f"More in {folder / 'evaluation.md'}")
+    say(console, f"More in {folder / 'evaluation.md'}")
 
 
 def verify_pretrained(name: str, console: Console) -> int:
@@ -162,14 +163,14 @@ def verify_pretrained(name: str, console: Console) -> int:
     _print_splits(evaluation, policy.config, console)
     different = pretrained.differences(policy, evaluation)
     for line in different:
-        console.print(line)
-    console.print(f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the published ones.")
+        say(console, line)
+    say(console, f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the published ones.")
     return 1 if different else 0
 
 
 def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console) -> None:
     """Print the table by split, this run beside the paper's agents and humans."""
-    console.print(f"Mean reward and success: {config.agent_name}")
+    say(console, f"Mean reward and success: {config.agent_name}")
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column()
     for split in COLUMNS:
@@ -177,10 +178,10 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
     for row in split_rows(evaluation, config):
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
     console.print(table)
-    console.print("The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps.")
+    say(console, "The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps.")
     if "unseen_basic" in evaluation.splits:
         for kind in ("greedy", "sampled"):
             score = evaluation.mean(kind, "unseen_basic")
-            console.print(f"Unseen basic, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)")
+            say(console, f"Unseen basic, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)")
     if evaluation.faults:
-        console.print(f"The physics failed in {evaluation.faults} episodes; they count as not solved.")
+        say(console, f"The physics failed in {evaluation.faults} episodes; they count as not solved.")

@@ -1,9 +1,6 @@
-"""The former place of `storage/pretrained.py`, for one more version."""
+"""Deprecated names of `train.storage.pretrained`."""
 
-import warnings
+from iphyre_jax._deprecated import moved
 
-from iphyre_jax.train.storage.pretrained import Pretrained, load_pretrained, names
-
-__all__ = ["Pretrained", "load_pretrained", "names"]
-
-warnings.warn("import iphyre_jax.train.storage.pretrained instead", DeprecationWarning, stacklevel=2)
+_HOME = "iphyre_jax.train.storage.pretrained"
+__getattr__ = moved(__name__, {name: (_HOME, name) for name in ("Pretrained", "load_pretrained", "names")})

@@ -16,7 +16,6 @@ from iphyre_jax import rollouts
 from iphyre_jax.execution import programs
 from iphyre_jax.physics.collision import contacts, shapes
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rules import NEVER
 
 
 class Frames(NamedTuple):
@@ -78,9 +77,7 @@ def _record_frames(
     episode = rollouts.reset_episode(topology, world, jnp.zeros((), bool))
     first = _current_frame(topology, world, episode)
     frames = jax.tree.map(lambda leaf: jnp.zeros((length + 1, *leaf.shape), leaf.dtype).at[0].set(leaf), first)
-    # Plans have one column for each allowed block. Bars that no column removes have slot -1, which matches none.
-    columns = jnp.arange(plan.shape[0], dtype=jnp.int32)
-    removal = jnp.max(jnp.where(world.plan_slot[None] == columns[:, None], plan[:, None], NEVER), axis=0)
+    removal = rollouts.removal_steps(world, plan)
 
     def unfinished(carry: _Carry) -> jax.Array:
         return (carry[0] < length) & ~carry[1].result.done

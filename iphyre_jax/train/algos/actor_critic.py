@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train.algos.advantage import advantages
-from iphyre_jax.train.algos.base import Algorithm, Metrics, forward, global_norm, jitted
+from iphyre_jax.train.algos.base import Algorithm, Metrics, descend, forward, global_norm, jitted
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.observations import slot_mask
@@ -101,10 +101,6 @@ class ActorCritic(Algorithm[S]):
         value = repeat(self.value(state.params, obs))
         return PolicyOutput(head.action(raw_action), raw_action, head.log_prob(outputs, raw_action, mask), value)
 
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
-        """See `Algorithm`."""
-        return self.sample_action(state, key, obs)
-
     @jitted(0)
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
         """The most probable action for each observation (B, D)."""
@@ -158,9 +154,8 @@ class ActorCritic(Algorithm[S]):
         """One gradient step on the loss of a minibatch; what `loss` reports, and the gradient's norm."""
         params, opt_state = carry
         gradient, metrics = jax.grad(loss, has_aux=True)(params, minibatch)
-        changes, opt_state = self.optimizer.update(gradient, opt_state, params)
         metrics["grad_norm"] = global_norm(gradient)
-        return (optax.apply_updates(params, changes), opt_state), metrics
+        return descend(self.optimizer, gradient, params, opt_state), metrics
 
     def minibatches(self, batch: Batch, key: jax.Array) -> Batch:
         """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first."""

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import optax
 
 from iphyre_jax.train.algos.distributions import Head, action_head
 from iphyre_jax.train.algos.networks import Params, network
@@ -52,14 +53,9 @@ class Algorithm(ABC, Generic[S]):
     def init(self, key: jax.Array, obs: jax.Array) -> State:
         """The state before the first update; observations (S, D) of the training games give sizes and centre."""
 
-    @jitted(0, 4)
+    @abstractmethod
     def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
         """Sample actions to learn from: `num_samples` for each observation (B, D), one observation after the other."""
-        return self._sample(state, key, jnp.repeat(obs, num_samples, axis=0))
-
-    @abstractmethod
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
-        """Sample one action for each observation."""
 
     @abstractmethod
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
@@ -86,6 +82,14 @@ class Algorithm(ABC, Generic[S]):
 def forward(module: nn.Module, params: Params, obs: jax.Array) -> jax.Array:
     """The outputs of a network."""
     return cast(jax.Array, module.apply(params, obs))
+
+
+def descend(
+    optimizer: optax.GradientTransformation, gradient: Params, params: Params, opt_state: optax.OptState
+) -> tuple[Params, optax.OptState]:
+    """Make one step of an optimiser: the new parameters and its new state."""
+    changes, opt_state = optimizer.update(gradient, opt_state, params)
+    return optax.apply_updates(params, changes), opt_state
 
 
 def without_value(action: jax.Array, raw_action: jax.Array) -> PolicyOutput:

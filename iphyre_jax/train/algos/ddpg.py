@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
 from iphyre_jax.train.algos.distributions import DeterministicHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, linear_schedule, polyak_update
@@ -72,8 +72,10 @@ class DDPGAlgorithm(OffPolicyAlgorithm[DDPG]):
         settings = self.settings
         return linear_schedule(num_updates, settings.noise, settings.noise_end, settings.noise_updates)
 
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
-        """The policy's times with noise; uniform times in the first updates."""
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
+        """See `Algorithm`: the policy's times with noise; uniform times in the first updates."""
+        obs = jnp.repeat(obs, num_samples, axis=0)
         noise_key, uniform_key = jax.random.split(key)
         planned = self.action(state.train_state.policy, obs)
         noise = self.noise(state.num_updates) * jax.random.normal(noise_key, planned.shape)
@@ -110,11 +112,9 @@ class DDPGAlgorithm(OffPolicyAlgorithm[DDPG]):
         del key
         policy_optimizer, value_optimizer = self.optimizers
         value_loss, gradient = jax.value_and_grad(self.value_loss)(train_state.value, train_state, batch)
-        changes, value_opt_state = value_optimizer.update(gradient, train_state.value_opt_state)
-        value: Params = optax.apply_updates(train_state.value, changes)
+        value, value_opt_state = descend(value_optimizer, gradient, train_state.value, train_state.value_opt_state)
         policy_loss, gradient = jax.value_and_grad(self.policy_loss)(train_state.policy, value, batch)
-        changes, policy_opt_state = policy_optimizer.update(gradient, train_state.policy_opt_state)
-        policy: Params = optax.apply_updates(train_state.policy, changes)
+        policy, policy_opt_state = descend(policy_optimizer, gradient, train_state.policy, train_state.policy_opt_state)
         targets = polyak_update(
             (train_state.target_policy, train_state.target_value), (policy, value), self.settings.tau
         )

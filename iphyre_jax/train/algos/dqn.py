@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
 from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, linear_schedule, polyak_update
@@ -66,8 +66,10 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         settings = self.settings
         return linear_schedule(num_updates, settings.epsilon, settings.epsilon_end, settings.epsilon_updates)
 
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
-        """The best action, but for a share of random ones."""
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
+        """See `Algorithm`: the best action, but for a share of random ones."""
+        obs = jnp.repeat(obs, num_samples, axis=0)
         share_key, random_key = jax.random.split(key)
         mask = slot_mask(obs)
         prior = CategoricalHead(self.settings.no_op_prob)
@@ -106,8 +108,7 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         del key
         target = jax.lax.stop_gradient(self.targets(train_state, batch))
         value_loss, gradient = jax.value_and_grad(self.loss)(train_state.value, batch, target)
-        changes, opt_state = self.optimizer.update(gradient, train_state.opt_state)
-        value: Params = optax.apply_updates(train_state.value, changes)
+        value, opt_state = descend(self.optimizer, gradient, train_state.value, train_state.opt_state)
         target_params = polyak_update(train_state.target, value, self.settings.tau)
         metrics = {"value_loss": value_loss, "epsilon": self.epsilon(num_updates)}
         return TrainState(value, target_params, opt_state), metrics

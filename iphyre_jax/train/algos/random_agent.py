@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.scenes import MAX_ELIMINABLE
-from iphyre_jax.train.algos.base import Algorithm, Metrics, without_value
+from iphyre_jax.train.algos.base import Algorithm, Metrics, jitted, without_value
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.settings.agents import Random
 
@@ -32,13 +32,15 @@ class RandomAlgorithm(Algorithm[Random]):
         del key, obs
         return State(jnp.zeros((), jnp.int32))
 
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
         """See `Algorithm`."""
         del state
+        count = obs.shape[0] * num_samples
         if self._plans:
-            action = jax.random.uniform(key, (obs.shape[0], MAX_ELIMINABLE), jnp.float32)
+            action = jax.random.uniform(key, (count, MAX_ELIMINABLE), jnp.float32)
         else:
-            action = jax.random.randint(key, (obs.shape[0],), 0, MAX_ELIMINABLE + 1, jnp.int32)
+            action = jax.random.randint(key, (count,), 0, MAX_ELIMINABLE + 1, jnp.int32)
         return without_value(action, action)
 
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
 from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, polyak_update
@@ -104,8 +104,10 @@ class SACAlgorithm(OffPolicyAlgorithm[SAC]):
         log_prob = head.log_prob(outputs, raw_action, mask)[:, None]
         return Candidates(log_prob, jnp.ones_like(log_prob), raw_action)
 
-    def _sample(self, state: State, key: jax.Array, obs: jax.Array) -> PolicyOutput:
+    @jitted(0, 4)
+    def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
         """See `Algorithm`."""
+        obs = jnp.repeat(obs, num_samples, axis=0)
         outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
         raw_action = self.head.sample(key, outputs, slot_mask(obs))
         return without_value(self.head.action(raw_action), raw_action)
@@ -156,7 +158,6 @@ class SACAlgorithm(OffPolicyAlgorithm[SAC]):
         target_key, loss_key = jax.random.split(key)
         target = jax.lax.stop_gradient(self.targets(train_state, target_key, batch))
         gradient, metrics = jax.grad(self.loss, has_aux=True)(train_state.params, loss_key, batch, target)
-        changes, opt_state = self.optimizer.update(gradient, train_state.opt_state, train_state.params)
-        params: Params = optax.apply_updates(train_state.params, changes)
+        params, opt_state = descend(self.optimizer, gradient, train_state.params, train_state.opt_state)
         target_params = polyak_update(train_state.target, params["values"], self.settings.tau)
         return TrainState(params, target_params, opt_state), metrics

@@ -6,14 +6,13 @@ NAME.npz    the arrays that inference needs, in float16
 NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was trained, and the scores of these
             weights, which a new evaluation must reproduce
 
-`make results` writes them; `iphyre-jax evaluate NAME` plays one and compares.
+`make results` writes them; `iphyre-jax verify-pretrained NAME` plays one and compares.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.files import read_json_object, replace_bytes, replace_text
+from iphyre_jax.files import read_json_object, replace_bytes, replace_json
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algos.base import State
@@ -123,7 +122,7 @@ def save_pretrained(
     }
     folder.mkdir(parents=True, exist_ok=True)
     replace_bytes(folder / f"{name}.npz", packed.getvalue())
-    replace_text(folder / f"{name}.json", json.dumps(content, indent=1) + "\n")
+    replace_json(folder / f"{name}.json", content)
 
 
 def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:

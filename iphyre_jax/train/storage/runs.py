@@ -9,12 +9,11 @@ evaluation.json   and evaluation.md: the trained policy's games
 
 from __future__ import annotations
 
-import json
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from iphyre_jax.files import read_json_object, replace_text
+from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
@@ -48,7 +47,7 @@ def create(path: Path, config: TrainConfig) -> None:
     path.mkdir(parents=True, exist_ok=True)
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
-    _write_json(path / CONFIG, {**content, "started": started, **provenance()})
+    replace_json(path / CONFIG, {**content, "started": started, **provenance()})
 
 
 def read_config(path: Path) -> TrainConfig:
@@ -93,9 +92,4 @@ def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, up
     }
     content = {"agent": config.agent_name, "settings": config.to_json(), **facts, **evaluation.to_json()}
     replace_text(path / "evaluation.md", markdown(evaluation, config, facts))
-    _write_json(path / EVALUATION, content)
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write readable JSON; at any moment the file is complete."""
-    replace_text(path, json.dumps(content, indent=1) + "\n")
+    replace_json(path / EVALUATION, content)
