@@ -20,14 +20,9 @@ class ContactRecord:
         normal: (2,) float64 unit vector from a to b.
         r1: (points, 2) float64 contact points relative to the centre of a, px.
         r2: (points, 2) float64 the same relative to the centre of b.
-        normal_mass: (points,) float64 effective mass along the normal.
-        tangent_mass: (points,) float64 effective mass along the tangent.
-        bounce: (points,) float64 restitution speed, px/s.
-        bias: (points,) float64 target speed that undoes the overlap, px/s.
-        normal_impulse: (points,) float64 accumulated impulse after the last sweep.
-        tangent_impulse: (points,) float64 the same along the tangent.
-        bias_impulse: (points,) float64 the same of the position correction.
-        ids: the contact ids, which clash where two hashes agree.
+        masses: (points, 2) float64 effective masses along normal and tangent.
+        speeds: (points, 2) float64 restitution speed, and the target speed that undoes the overlap, px/s.
+        impulses: (points, 3) float64 accumulated after the last sweep: normal, tangent, position correction.
     """
 
     a: int
@@ -35,14 +30,9 @@ class ContactRecord:
     normal: NDArray[np.float64]
     r1: NDArray[np.float64]
     r2: NDArray[np.float64]
-    normal_mass: NDArray[np.float64]
-    tangent_mass: NDArray[np.float64]
-    bounce: NDArray[np.float64]
-    bias: NDArray[np.float64]
-    normal_impulse: NDArray[np.float64]
-    tangent_impulse: NDArray[np.float64]
-    bias_impulse: NDArray[np.float64]
-    ids: tuple[int, ...]
+    masses: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    impulses: NDArray[np.float64]
 
 
 class TracedWorld(ReferenceWorld):
@@ -66,8 +56,8 @@ class TracedWorld(ReferenceWorld):
         raw = arbiter._arbiter  # contact records of the engine: public accessors show only sums and rounded points
         points = [raw.contacts[k] for k in range(raw.count)]
 
-        def column(name: str) -> NDArray[np.float64]:
-            return np.array([getattr(point, name) for point in points], dtype=np.float64)
+        def columns(*names: str) -> NDArray[np.float64]:
+            return np.array([[getattr(point, name) for name in names] for point in points], dtype=np.float64)
 
         self._records.append(
             ContactRecord(
@@ -76,14 +66,9 @@ class TracedWorld(ReferenceWorld):
                 normal=np.array([raw.n.x, raw.n.y]),
                 r1=np.array([[point.r1.x, point.r1.y] for point in points]),
                 r2=np.array([[point.r2.x, point.r2.y] for point in points]),
-                normal_mass=column("nMass"),
-                tangent_mass=column("tMass"),
-                bounce=column("bounce"),
-                bias=column("bias"),
-                normal_impulse=column("jnAcc"),
-                tangent_impulse=column("jtAcc"),
-                bias_impulse=column("jBias"),
-                ids=tuple(int(point.hash) for point in points),
+                masses=columns("nMass", "tMass"),
+                speeds=columns("bounce", "bias"),
+                impulses=columns("jnAcc", "jtAcc", "jBias"),
             )
         )
 

@@ -152,7 +152,7 @@ def reference_view(
     def rows(name: str, width: int) -> Floats:
         return np.concatenate([np.zeros((0, width)), *(np.reshape(getattr(r, name), (-1, width)) for r in records)])
 
-    repeats = [len(record.bounce) for record in records]
+    repeats = [len(record.masses) for record in records]
     pairs = tuple((r.a, r.b) for r, n in zip(records, repeats, strict=True) for _ in range(n))
     normal = np.repeat(np.concatenate([np.zeros((0, 2)), *(r.normal[None] for r in records)]), repeats, axis=0)
     a, b = (np.array([pair[k] for pair in pairs], dtype=int) for k in (0, 1))
@@ -166,9 +166,9 @@ def reference_view(
         arm_a=rows("r1", 2),
         arm_b=rows("r2", 2),
         separation=np.sum(gap * normal, axis=1),
-        masses=np.concatenate([rows("normal_mass", 1), rows("tangent_mass", 1)], axis=1),
-        speeds=np.concatenate([rows("bounce", 1), rows("bias", 1)], axis=1),
-        impulses=np.concatenate([rows(f"{kind}_impulse", 1) for kind in ("normal", "tangent", "bias")], axis=1),
+        masses=rows("masses", 2),
+        speeds=rows("speeds", 2),
+        impulses=rows("impulses", 3),
         constraint_impulses=constraint_impulses,
         velocity=state.velocity[moving],
         angular_velocity=state.angular_velocity[moving],
