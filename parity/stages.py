@@ -6,7 +6,7 @@ step and the stage that make it, not in what follows from it.
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -58,15 +58,14 @@ _BEFORE_CONTACTS = (
     _Values("positions", lambda view: view.position, tol.STAGE_POSITION),
     _Values("angles", lambda view: view.angle, tol.STAGE_POSITION),
 )
-_AT_CONTACTS = (
+_FROM_CONTACTS = (
     _Values("normals", lambda view: view.normal, tol.STAGE_NORMAL),
     _Values("contact points on a", lambda view: view.arm_a, tol.STAGE_POINT),
     _Values("contact points on b", lambda view: view.arm_b, tol.STAGE_POINT),
     _Values("contact masses", lambda view: view.masses, tol.STAGE_MASS, relative=True),
     _Values("bounce and bias speeds", lambda view: view.speeds, tol.STAGE_SPEED),
     _Values("contact impulses", lambda view: view.impulses, tol.STAGE_IMPULSE),
-)
-_AFTER_CONTACTS = (
+    _Values("joints and springs", lambda view: view.constraint_impulses, tol.STAGE_IMPULSE),
     _Values("velocities", lambda view: view.velocity, tol.STAGE_VELOCITY),
     _Values("angular velocities", lambda view: view.angular_velocity, tol.STAGE_VELOCITY),
 )
@@ -87,13 +86,11 @@ def compare_step(step: int, ours: StepView, theirs: StepView, pins: int, *, exac
     """
     mine = ours.constraint_impulses.copy()
     mine[:pins] = np.abs(mine[:pins])
-    tolerance = 0.0 if exact else tol.STAGE_IMPULSE
+    ours = replace(ours, constraint_impulses=mine)
     return (
         _numbers(step, ours, theirs, _BEFORE_CONTACTS, exact)
         or _contacts(step, ours, theirs)
-        or _numbers(step, ours, theirs, _AT_CONTACTS, exact)
-        or _different(step, "joints and springs", mine, theirs.constraint_impulses, tolerance)
-        or _numbers(step, ours, theirs, _AFTER_CONTACTS, exact)
+        or _numbers(step, ours, theirs, _FROM_CONTACTS, exact)
     )
 
 
@@ -103,24 +100,13 @@ def _numbers(
     for stage in stages:
         mine, other = stage.values(ours), stage.values(theirs)
         scale = np.maximum(np.abs(other), 1e-300) if stage.relative else 1.0
-        found = _different(step, stage.stage, mine, other, 0.0 if exact else stage.tolerance * scale)
-        if found:
-            return found
+        tolerance = 0.0 if exact else stage.tolerance * scale
+        same = (np.abs(mine - other) <= tolerance) | (np.isnan(mine) & np.isnan(other))
+        if not same.all():
+            row = tuple(int(k) for k in np.argwhere(~same)[0])
+            detail = f"row {row}: ours {float(mine[row])!r}, the reference's {float(other[row])!r}"
+            return Divergence(step, stage.stage, detail)
     return None
-
-
-def _different(
-    step: int,
-    stage: str,
-    ours: NDArray[np.float64],
-    theirs: NDArray[np.float64],
-    tolerance: NDArray[np.float64] | float,
-) -> Divergence | None:
-    same = (np.abs(ours - theirs) <= tolerance) | (np.isnan(ours) & np.isnan(theirs))
-    if same.all():
-        return None
-    row = tuple(int(k) for k in np.argwhere(~same)[0])
-    return Divergence(step, stage, f"row {row}: ours {float(ours[row])!r}, the reference's {float(theirs[row])!r}")
 
 
 def _contacts(step: int, ours: StepView, theirs: StepView) -> Divergence | None:
@@ -189,15 +175,9 @@ def first_divergence(
 def side_by_side(
     scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, fps: int, steps: int, resets: int, free: bool
 ) -> Iterator[tuple[int, StepView, StepView]]:
-    """Play one plan in both engines, step by step.
+    """Play one plan in both engines, step by step; arguments as in `first_divergence`.
 
-    Args:
-        scene: the scene.
-        eliminate_at: (S,) integers as for `iphyre_jax.simulate`.
-        fps: physics steps a second.
-        steps: the most steps to make; the step that solves the game in the reference is the last.
-        resets: number of the reset to play in.
-        free: both run free; else ours takes over the reference's state before every step.
+    If `free`, both run free. Else ours takes over the reference's state before every step.
 
     Yields:
         The step's index, our view of it, the reference's.
