@@ -9,7 +9,6 @@ import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, cast
 
 import numpy as np
@@ -95,17 +94,12 @@ class WorkerPool:
         try:
             self.versions = [self._answer(worker) for worker in self.workers][-1]
         except RuntimeError:
-            self._end()
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the workers."""
-        self._end()
-
-    def _end(self) -> None:
         for worker in self.workers:
             worker.kill()
             worker.communicate()
