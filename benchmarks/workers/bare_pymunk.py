@@ -10,14 +10,14 @@ from importlib.metadata import version
 
 import numpy as np
 
-from benchmarks.workers.protocol import EpisodeResults, Job, serve, with_rewards
+from benchmarks.workers.protocol import EpisodeResults, Job, Player, serve, with_rewards
 from iphyre_jax.scenes import scene_from_dict
 from parity.engines.reference import ReferenceWorld, schedule
 
 MODES = ("stepping", "episodes")
 
 
-class BarePymunk:
+class BarePymunk(Player):
     """pymunk's `Space.step` in one space after the other."""
 
     def __init__(self, mode: str) -> None:

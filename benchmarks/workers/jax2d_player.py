@@ -15,10 +15,10 @@ from jax2d.engine import PhysicsEngine
 from jax2d.sim_state import SimParams, SimState
 
 from benchmarks.workers.jax2d_scenes import bars, places, room_for, state_of
-from benchmarks.workers.protocol import EpisodeResults, Job, serve, with_rewards
+from benchmarks.workers.protocol import EpisodeResults, Job, Player, serve, with_rewards
 
 
-class Jax2D:
+class Jax2D(Player):
     """`PhysicsEngine.step` under `jax.vmap` in a loop until all episodes are done."""
 
     def versions(self) -> dict[str, str]:
@@ -45,9 +45,6 @@ class Jax2D:
             eliminable = [place[i] for i in range(len(bars(scene))) if scene["eli"][i]]
             removal[row, eliminable] = plan[: len(eliminable)]
         return removal
-
-    def ready(self) -> None:
-        """Nothing to prepare."""
 
     def play(self) -> None:
         """Play all plans in one call."""

@@ -9,13 +9,13 @@ from importlib.metadata import version
 
 from iphyre.simulator import IPHYRE
 
-from benchmarks.workers.protocol import EpisodeResults, Job, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, Player, serve
 
 NOTHING = [0.0, 0.0]  # the click that removes no block
 REMOVAL = -10.0
 
 
-class Official:
+class Official(Player):
     """The official class, a new one for each episode, because a used space orders contacts differently."""
 
     def versions(self) -> dict[str, str]:
@@ -34,9 +34,6 @@ class Official:
                 if at >= 0:
                     due.setdefault(at, []).append(clicks[k][column])
             self.episodes.append((names[k], due))
-
-    def ready(self) -> None:
-        """Nothing to prepare."""
 
     def play(self) -> None:
         """Play all plans."""

@@ -12,11 +12,11 @@ import jax
 import numpy as np
 
 import iphyre_jax
-from benchmarks.workers.protocol import EpisodeResults, Job, serve
+from benchmarks.workers.protocol import EpisodeResults, Job, Player, serve
 from iphyre_jax.scenes import scene_from_dict
 
 
-class Ours:
+class Ours(Player):
     """`iphyre_jax.simulate_many`; its time includes stacking the worlds and fetching the results."""
 
     def __init__(self, dtype: str, mesh: jax.sharding.Mesh | None = None) -> None:
@@ -32,9 +32,6 @@ class Ours:
         self.fps, self.duration = job.fps, job.steps / job.fps
         self.scenes = [scene_from_dict(scene, "job") for scene in job.scenes]
         self.which, self.plans = np.array(job.which), np.array(job.plans)
-
-    def ready(self) -> None:
-        """Nothing to prepare."""
 
     def play(self) -> None:
         """Play them all in one call."""

@@ -5,8 +5,9 @@ import os
 import resource
 import sys
 import time
+from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 KIB = 1024 if sys.platform != "darwin" else 1  # bytes a unit of ru_maxrss
 
@@ -39,28 +40,27 @@ class EpisodeResults:
     reward: list[float]
 
 
-class Player(Protocol):
+class Player(ABC):
     """An engine in a worker."""
 
+    @abstractmethod
     def versions(self) -> dict[str, str]:
         """Versions of the packages that matter for speed."""
-        ...
 
+    @abstractmethod
     def load(self, job: Job) -> None:
         """Take a job and do everything that is done once for it."""
-        ...
 
-    def ready(self) -> None:
+    def ready(self) -> None:  # noqa: B027 - most players have nothing to prepare
         """Prepare one play; not timed."""
-        ...
 
+    @abstractmethod
     def play(self) -> None:
         """Play all plans of the job; timed."""
-        ...
 
+    @abstractmethod
     def results(self) -> EpisodeResults:
         """The results of the last play."""
-        ...
 
 
 def with_rewards(job: Job, steps: list[int], success: list[bool]) -> EpisodeResults:
