@@ -223,30 +223,15 @@ def bytes_table(sizes: Mapping[str, Mapping[str, int]]) -> Table:
 
 def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
     """Physics steps a second with decisions on the fly, and as a share of plain simulation's (wall, cpu)."""
-    heads = [
-        "simulate",
-        *(f"{what} {clock}" for what in ("scan", "reads", "keeps") for clock in ("M/s", "wall", "cpu")),
-    ]
-    grid = table(
-        f"On the fly, {fps} fps, float32: env.step in a scan; unroll that reads, or also keeps, observations",
-        "games",
-        *heads,
-        "same step",
-        "compile s",
-    )
+    variants = "scan", "reads", "keeps"
+    title = f"On the fly, {fps} fps, float32: env.step in a scan; unroll that reads, or also keeps, observations"
+    heads = [f"{name} {clock}" for name in variants for clock in ("M/s", "wall", "cpu")]
+    grid = table(title, "games", "simulate", *heads, "same step", "compile s")
     for one in found:
-        cells = [
-            cell
-            for name in ("scan", "reads", "keeps")
-            for cell in (millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}", f"{one.share(name, 1):.2f}")
-        ]
-        grid.add_row(
-            one.workload,
-            millions(one.rate("simulate", 0)),
-            *cells,
-            f"{100 * one.same_steps:.1f} %",
-            f"{one.compiled:.1f}",
-        )
+        cells = [one.workload, millions(one.rate("simulate", 0))]
+        for name in variants:
+            cells += [millions(one.rate(name, 0)), *(f"{one.share(name, clock):.2f}" for clock in (0, 1))]
+        grid.add_row(*cells, f"{100 * one.same_steps:.1f} %", f"{one.compiled:.1f}")
     return grid
 
 
