@@ -172,12 +172,8 @@ def sections(results: list[tuple[int, GameResult]]) -> list[Section]:
 def _title(template: int) -> str:
     """A template in words."""
     t = TEMPLATES[template]
-    words = [f"{count} {name}{'s' * (count > 1)}" for count, name in ((t.bars, "bar"), (t.balls, "ball")) if count]
-    words += [
-        f"{len(ends)} {name}{'s' * (len(ends) > 1)}"
-        for ends, name in ((t.joints, "joint"), (t.springs, "spring"))
-        if ends
-    ]
+    counts = ((t.bars, "bar"), (t.balls, "ball"), (len(t.joints), "joint"), (len(t.springs), "spring"))
+    words = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
     return f"{template}: {', '.join(words)}"
 
 
