@@ -173,16 +173,12 @@ def document(evaluated: Mapping[str, list[compare.Evaluated]], missing: Sequence
         parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time"]
         parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
         parts.append(_times(table))
-        for name, draw in (("curves", compare.draw_curves), ("bars", _bars)):
+        for name, draw in (("curves", compare.draw_curves), ("bars", compare.draw_bars)):
             picture = out / f"{stem}-{name}-{fps}fps.png"
             draw(picture, table)
             parts.append(f"![{name} at {fps} fps]({picture.name})")
     parts += ["## Origin", f"```json\n{origin}\n```"]
     return "\n\n".join(parts) + "\n"
-
-
-def _bars(path: Path, rows: Sequence[compare.Row]) -> None:
-    compare.draw_bars(path, rows, "sampled")
 
 
 def _unseen(rows: Sequence[compare.Row]) -> str:

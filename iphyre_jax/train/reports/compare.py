@@ -150,7 +150,7 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
     if curves is not None:
         draw_curves(curves, agents)
     if bars is not None:
-        draw_bars(bars, agents, "sampled")
+        draw_bars(bars, agents)
 
 
 def _colour(k: int) -> tuple[float, float, float, float]:
@@ -178,13 +178,13 @@ def draw_curves(path: Path, agents: Sequence[Row]) -> None:
     figure.savefig(path)
 
 
-def draw_bars(path: Path, agents: Sequence[Row], kind: str) -> None:
-    """Rewards by split as bars, one colour an agent, with the paper's people as a line over each split."""
+def draw_bars(path: Path, agents: Sequence[Row]) -> None:
+    """Rewards of sampled actions by split, one colour an agent, with the paper's people as a line over each split."""
     figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
     axes, splits = figure.add_subplot(), COLUMNS[:-1]
     width = 0.85 / len(agents)
     for k, row in enumerate(agents):
-        summaries = [row.summary(kind, split) for split in splits]
+        summaries = [row.summary("sampled", split) for split in splits]
         heights = [each.mean if each else 0.0 for each in summaries]
         low = [each.mean - each.low if each and each.seeds > 1 else 0.0 for each in summaries]
         high = [each.high - each.mean if each and each.seeds > 1 else 0.0 for each in summaries]
@@ -196,7 +196,7 @@ def draw_bars(path: Path, agents: Sequence[Row], kind: str) -> None:
         axes.hlines(human, k - 0.45, k + 0.45, color="black", linestyle="--", linewidth=1)
     axes.plot([], [], color="black", linestyle="--", label="paper: Human (60 fps, best of five)")
     axes.set_xticks(range(len(splits)), [TITLES[split] for split in splits])
-    axes.set(ylabel=f"mean reward, {kind} actions, {agents[0].config.fps} fps")
+    axes.set(ylabel=f"mean reward, sampled actions, {agents[0].config.fps} fps")
     axes.grid(axis="y", alpha=0.3)
     figure.legend(fontsize="x-small", loc="outside lower center", ncols=3)
     figure.savefig(path)
