@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,13 +83,16 @@ def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> tu
     theirs, mine = reference[: last + 1, moving], ours[: last + 1, moving]
     offset = mine - theirs
     counted = in_play(theirs)
-    return _largest(np.hypot(offset[..., 0], offset[..., 1]), counted), _largest(np.abs(offset[..., 2]), counted)
+    distance, angle = (
+        np.where(counted, np.where(np.isfinite(error), error, np.inf), np.nan)
+        for error in (np.hypot(offset[..., 0], offset[..., 1]), np.abs(offset[..., 2]))
+    )
+    return largest(distance, 1), largest(angle, 1)
 
 
-def _largest(values: Floats, counted: Bools) -> Floats:
-    """Maximum over the counted objects of each sample, NaN without any."""
-    values = np.where(np.isfinite(values), values, np.inf)
-    most = np.max(np.where(counted, values, -1.0), axis=1, initial=-1.0)
+def largest(errors: NDArray[Any], axis: int) -> NDArray[Any]:
+    """The largest error along an axis, NaN where none is known."""
+    most = np.where(np.isnan(errors), -1.0, errors).max(axis, initial=-1.0)
     return np.where(most < 0, np.nan, most)
 
 
@@ -107,8 +111,7 @@ def binned(errors: Floats, fps: float, samples: int) -> NDArray[np.float32]:
     width = max(1, round(BIN * fps))
     whole = np.full(-(-samples // width) * width, np.nan)
     whole[: len(errors)] = errors
-    filled = np.where(np.isnan(whole), -1.0, whole).reshape(-1, width).max(axis=1)
-    return np.where(filled < 0, np.nan, filled).astype(np.float32)
+    return largest(whole.reshape(-1, width), 1).astype(np.float32)
 
 
 def compare_plans(

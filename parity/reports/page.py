@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from parity.compare import largest
 from parity.divergences import DivergedPlan
 from parity.engines import reference
 from parity.play import GameResult
@@ -156,12 +157,7 @@ def median_over_plans(error_over_time: Values) -> Values:
 
 def worst_over_plans(result: GameResult) -> Values:
     """Largest error of any plan in each interval, (bins,) px, NaN where nothing is in play."""
-    return _largest(result.comparison.error_over_time)
-
-
-def _largest(errors: Values) -> Values:
-    most = np.where(np.isnan(errors), -1.0, errors).max(axis=0)
-    return np.where(most < 0, np.nan, most)
+    return largest(result.comparison.error_over_time, 0)
 
 
 def _error_charts(results: Sequence[GameResult]) -> list[str]:
@@ -171,7 +167,7 @@ def _error_charts(results: Sequence[GameResult]) -> list[str]:
         own = [result for result in results if result.game == game]
         compared = sorted(own[0].sensitivity.items(), reverse=True)
         bands = [
-            (median_over_plans(c.error_over_time), _largest(c.error_over_time), f"s{len(compared) - place}")
+            (median_over_plans(c.error_over_time), largest(c.error_over_time, 0), f"s{len(compared) - place}")
             for place, (_, c) in enumerate(compared)
         ]
         lines = [(median_over_plans(result.comparison.error_over_time), f"{result.dtype} typical") for result in own]
