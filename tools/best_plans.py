@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 import iphyre_jax
+from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.viewer.plays import play_to_json
 from iphyre_jax.viewer.search import search
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument("--plans", type=int, default=2048)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    known = _known()
+    known = {line["scene"]: line for line in read_json_object(FILE)["plays"]} if FILE.is_file() else {}
     for game in options.games:
         best = search(iphyre_jax.load_scene(game), plans=options.plans, seed=options.seed)
         old = known.get(game)
@@ -35,14 +35,7 @@ def main() -> None:
         print(f"{game}: found {best.reward:.2f}, best {known[game]['result']['reward']:.2f}", flush=True)
         lines = [json.dumps(known[name]) for name in iphyre_jax.GAMES if name in known]
         plays = ",\n  ".join(lines)
-        FILE.write_text(f'{{"source": {json.dumps(SOURCE)},\n "plays": [\n  {plays}\n ]}}\n', "utf-8")
-
-
-def _known() -> dict[str, dict[str, Any]]:
-    """The plays in the file, by game."""
-    if not FILE.is_file():
-        return {}
-    return {line["scene"]: line for line in json.loads(FILE.read_text("utf-8"))["plays"]}
+        replace_text(FILE, f'{{"source": {json.dumps(SOURCE)},\n "plays": [\n  {plays}\n ]}}\n')
 
 
 if __name__ == "__main__":
