@@ -16,6 +16,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.checks import check_option
 from iphyre_jax.cli import scenes, train, viewer
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
@@ -111,9 +112,7 @@ def _without_old_spelling(command: object) -> object:
 
 def _verify_pretrained(command: VerifyPretrained, console: Console) -> int:
     """`iphyre-jax verify-pretrained`."""
-    if command.name not in pretrained.names():
-        raise ValueError(f"name: expected one of {', '.join(pretrained.names())}, got {command.name!r}")
-    return train.verify_pretrained(command.name, console)
+    return train.verify_pretrained(check_option("name", command.name, pretrained.names()), console)
 
 
 def _simulate(command: Simulate, console: Console) -> None:
@@ -134,13 +133,12 @@ def _simulate(command: Simulate, console: Console) -> None:
 
 def _games(command: Games, console: Console) -> None:
     """`iphyre-jax games`."""
-    if command.split is not None and command.split not in SPLITS:
-        raise ValueError(f"split: expected one of {', '.join(SPLITS)}, got {command.split!r}")
+    chosen = list(SPLITS) if command.split is None else [check_option("split", command.split, list(SPLITS))]
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("game", "split", "objects", "balls"):
         table.add_column(title, no_wrap=True)
     table.add_column("eliminable blocks: end points, px")
-    for split in [command.split] if command.split else SPLITS:
+    for split in chosen:
         for name in SPLITS[split]:
             scene = load_scene(name)
             ends = (f"{block}: {_end_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
