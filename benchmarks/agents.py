@@ -152,9 +152,8 @@ def _times(rows: Sequence[compare.Row]) -> str:
     return markdown_table(header, cells)
 
 
-def document(evaluated: Mapping[str, list[compare.Evaluated]], missing: Sequence[str], out: Path, stem: str) -> str:
+def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out: Path, stem: str) -> str:
     """The text of the document; draws its pictures."""
-    all_runs = [run for members in evaluated.values() for run in members]
     commits = {str(read_json_object(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
     origin = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
     parts = [
@@ -209,13 +208,12 @@ def main(arguments: Arguments) -> None:
 
 def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
     """Write the document of what is there."""
-    evaluated: dict[str, list[compare.Evaluated]] = {}
-    missing = []
+    evaluated, missing = [], []
     for name in table:
         for seed in range(arguments.seeds):
             folder = arguments.root / name / f"seed-{seed}"
             if (folder / runs.EVALUATION).is_file():
-                evaluated.setdefault(name, []).append(compare.read(folder))
+                evaluated.append(compare.read(folder))
             else:
                 missing.append(f"{name} seed {seed}")
     arguments.out.mkdir(parents=True, exist_ok=True)
