@@ -86,15 +86,9 @@ def measure_batches(
     seed: int,
     done: Callable[[list[BatchScaling]], None],
 ) -> None:
-    """Measure a mixture of games in batches of several sizes, the pools in turns.
+    """Measure a mixture of games in batches of several sizes, the pools (by players) in turns.
 
-    Args:
-        pools: workers by players.
-        games: names.
-        batches: worlds.
-        repeats: how often to measure each.
-        seed: of the plans.
-        done: called with the results for each batch size.
+    Call `done` with the results of each size.
     """
     whole = make_workload(games, -(-max(batches) // len(games)), FPS, seed)
     for batch in sorted(batches):  # upwards, because a worker reports the most memory that it has held so far

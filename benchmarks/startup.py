@@ -45,13 +45,7 @@ def one_game_per_size() -> list[str]:
 
 
 def measure_startups(jobs: Sequence[Sequence[str]], batch: int, done: Callable[[list[Startup]], None]) -> None:
-    """Measure each job in two fresh processes.
-
-    Args:
-        jobs: the names of each job's games.
-        batch: worlds.
-        done: called with the result of each job.
-    """
+    """Measure each job (the names of its games) in two fresh processes; call `done` with each result."""
     for games in jobs:
         with tempfile.TemporaryDirectory() as folder:
             cache = os.path.join(folder, "cache")  # noqa: PTH118

@@ -66,21 +66,9 @@ def explain(
     *,
     traced: bool,
 ) -> DivergedPlan:
-    """Describe one plan that diverges.
+    """Describe row `plan` of the plans (B, S), which diverges; a play has `steps` steps at most.
 
-    Args:
-        scene: the scene.
-        eliminate_at: (B, S) the plans.
-        comparison: of these plans.
-        plan: index of the one to explain.
-        fps: physics steps a second.
-        dtype: the type ours ran in.
-        steps: length of a play.
-        resets: number of the reset.
-        traced: look for the step and the stage of the first difference, in float64 and unless there is a fault.
-
-    Returns:
-        The description.
+    If `traced`, look for the step and the stage of the first difference, in float64 and unless there is a fault.
     """
     c, row = comparison, eliminate_at[plan]
     first: list[Divergence | None] = [None, None]

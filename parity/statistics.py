@@ -67,19 +67,7 @@ class PlayStatistics:
 def play_statistics(
     scene: Scene, eliminate_at: NDArray[np.integer[Any]], *, plan: int, fps: int, steps: int, resets: int
 ) -> PlayStatistics:
-    """Play one plan in both engines and count.
-
-    Args:
-        scene: the scene.
-        eliminate_at: (S,) integers as for `iphyre_jax.simulate`.
-        plan: the plan's index, for the report.
-        fps: physics steps a second.
-        steps: the most steps to make.
-        resets: number of the reset.
-
-    Returns:
-        Both sides, in float64.
-    """
+    """Play one plan (S,) in both engines and count, in float64; `plan` is its index, for the report."""
     moment = _moments(scene)
     rows: list[tuple[list[float], list[float]]] = []
     for _, ours, theirs in side_by_side(scene, eliminate_at, fps=fps, steps=steps, resets=resets, free=True):

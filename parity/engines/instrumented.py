@@ -94,16 +94,7 @@ class JaxWorld:
 
 
 def built(scene: Scene, resets: int, fps: int) -> tuple[Layout, World, Timing]:
-    """Build the solver's world of a scene in float64, with the meaning of its body indices.
-
-    Args:
-        scene: the scene.
-        resets: number of the reset.
-        fps: physics steps a second.
-
-    Returns:
-        Layout, world and timing.
-    """
+    """Build the solver's world of a scene in float64, with the meaning of its body indices, and its timing."""
     topology, world = compile_scene(scene, resets=resets, dtype="float64")
     moving = [int(i) for i in np.flatnonzero(scene.dynamic)]
     return Layout(topology, tuple(moving), static_order(scene, resets)), world, step_timing(fps, "float64")

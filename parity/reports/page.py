@@ -37,16 +37,7 @@ COLOURS = ((1.0, "good"), (0.995, "fair"))  # least share of each colour; any lo
 
 
 def page(tables: Sequence[Section], results: Sequence[GameResult], info: Mapping[str, Any]) -> str:
-    """The whole report.
-
-    Args:
-        tables: the tables.
-        results: the results behind them.
-        info: versions, machine, commit and arguments.
-
-    Returns:
-        HTML.
-    """
+    """The whole report as HTML: the tables, the results behind them, and what `report.run_info` says of the run."""
     rates = tuple(dict.fromkeys(section.fps for section in tables))
     missed = any(section.missed for section in tables)
     parts = [

@@ -49,15 +49,7 @@ class Summary:
 
 
 def summarise(name: str, comparisons: Sequence[PlanComparison]) -> Summary:
-    """Pool the plans of one or more games into one row.
-
-    Args:
-        name: of the row.
-        comparisons: one a game, with at least one plan in all.
-
-    Returns:
-        The row.
-    """
+    """Pool the plans of one or more games, at least one plan in all, into one row."""
     error = np.concatenate([c.error for c in comparisons])
     flag = np.concatenate([c.same_flag for c in comparisons])
     step = np.concatenate([c.same_step for c in comparisons])

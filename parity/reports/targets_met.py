@@ -7,16 +7,7 @@ from parity.tolerances import TARGETS, TIGHT_ERROR
 
 
 def missed_targets(fps: int, dtype: str, games: Sequence[Summary], overall: Summary) -> list[str]:
-    """One sentence for each target that a table misses.
-
-    Args:
-        fps: the table's frame rate.
-        dtype: the table's type.
-        games: its rows, one a game.
-        overall: the row of all games together.
-
-    Returns:
-        The sentences; empty if every target is met.
+    """One sentence for each target that a table misses, of its rows, one a game, and of the row of all together.
 
     Raises:
         ValueError: there are no targets for this rate and type.
