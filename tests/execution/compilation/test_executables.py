@@ -203,7 +203,9 @@ import os, signal, sys, threading, time
 import iphyre_jax
 iphyre_jax.configure(cache=sys.argv[1])
 def interrupt():
-    time.sleep(4)
+    while not any(thread.name.startswith("iphyre_jax_compile") for thread in threading.enumerate()):
+        time.sleep(0.05)
+    time.sleep(2)
     os.kill(os.getpid(), signal.SIGINT)
 threading.Thread(target=interrupt, daemon=True).start()
 try:
