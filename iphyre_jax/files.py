@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import os
 import socket
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
 
 from iphyre_jax.checks import one_line, show
 
@@ -79,6 +85,55 @@ def read_json_object(path: Path, max_bytes: int = MAX_JSON) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected an object, got {type(content).__name__}")
     return content
+
+
+def read_npz(file: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an NPZ file by name. It runs no code, and sizes are checked before anything is unpacked.
+
+    Args:
+        file: as `numpy.savez` or `savez_compressed` writes it; arrays of numbers only.
+        max_bytes: of the file, and of all arrays together.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is damaged, too large, or an array is not what its header says; one line that names the array.
+    """
+    with file.open("rb") as opened:
+        content = opened.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise ValueError(f"{file}: expected at most {max_bytes} bytes, got more")
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+            if unpacked > max_bytes:
+                raise ValueError(f"expected at most {max_bytes} bytes of arrays, got {unpacked}")
+            for member in archive.infolist():
+                name = member.filename.removesuffix(".npy")
+                if name in arrays:
+                    raise ValueError(f"{name}: expected this array once, got it again")
+                arrays[name] = _read_array(archive, member)
+    except Exception as error:  # archives and headers fail in many ways
+        raise ValueError(f"{file}: expected arrays of NumPy: {one_line(str(error)) or 'the file is empty'}") from None
+    return arrays
+
+
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """One array of an archive; no more bytes are unpacked than its header needs."""
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others unpack more than was asked for
+        raise ValueError(f"{member.filename}: expected an array stored or deflated")
+    with archive.open(member) as opened:
+        version = np.lib.format.read_magic(opened)
+        if version != (1, 0):
+            raise ValueError(f"{member.filename}: expected version 1.0 of the array's format, got {version}")
+        shape, columns_first, dtype = np.lib.format.read_array_header_1_0(opened)
+        if dtype.kind not in "biuf":
+            raise ValueError(f"{member.filename}: expected numbers, got dtype {dtype}")
+        size = member.file_size - opened.tell()
+        if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size:
+            raise ValueError(f"{member.filename}: expected {size} bytes, its header says shape {shape} of {dtype}")
+        raw = opened.read(size)
+    return np.frombuffer(raw, dtype).reshape(shape, order="F" if columns_first else "C")
 
 
 @contextmanager
