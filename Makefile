@@ -12,7 +12,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -46,11 +46,24 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
-test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
-	$(PY) tests/robustness/kill.py
+# Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
+FAULTS := attempts kill damage disk_full hostile_files arguments
+FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
+
+test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour
+	bad=0; for script in $(FAULTS); do $(FAULT_SCRIPT)/$$script.py || bad=1; done; $(FAULT_SCRIPT)/report.py; exit $$bad
+
+soak: .venv/.stamp ## an hour of every public call with ever new scenes: memory, compilations, threads and handles stay bounded
+	$(FAULT_SCRIPT)/soak.py && $(FAULT_SCRIPT)/report.py
+
+test-server: .venv/.stamp ## an hour of attacks on the play server, with a player who notices nothing
+	$(FAULT_SCRIPT)/server.py && $(FAULT_SCRIPT)/report.py
+
+test-kill: .venv/.stamp ## 40 kills of training runs, 20 of them while saving, each resumed to the same bits
+	$(FAULT_SCRIPT)/kill.py
 
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
-	$(PY) tests/robustness/damage.py
+	$(FAULT_SCRIPT)/damage.py
 
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py

@@ -101,7 +101,8 @@ def evaluate(
         limits: of the scenes, see `make`.
 
     Raises:
-        ValueError: one line naming the argument and what was expected.
+        ValueError: one line naming the argument and what was expected; also if the policy gives an action that is not
+            finite.
     """
     check_whole("episodes", episodes)
     if not callable(policy):
@@ -121,7 +122,19 @@ def evaluate(
     decisions = environment.strategy.decisions
     with jax.enable_x64(dtype == "float64"):
         _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
+    _require_finite(environment, np.asarray(batch.game), steps)
     return _scores(environment, np.asarray(batch.game), steps)
+
+
+def _require_finite(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> None:
+    """Refuse actions that are no numbers: in an environment they do nothing, and a score would hide them."""
+    action = np.asarray(steps.action)
+    if action.dtype.kind == "f":
+        finite = np.isfinite(action).all(axis=-1) | ~np.asarray(steps.played)
+        if not finite.all():
+            decision, world = np.argwhere(~finite)[0]
+            got, name = action[decision, world], environment.games[int(game[world])]
+            raise ValueError(f"policy: expected finite actions, got {got[~np.isfinite(got)][0]} in {name}")
 
 
 def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> Scores:

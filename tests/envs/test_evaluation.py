@@ -54,6 +54,15 @@ def test_bad_evaluations_get_one_line() -> None:
     assert set(SPLITS) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic"}
 
 
+@pytest.mark.parametrize("strategy", ["in-advance", "combined"])
+def test_actions_that_are_no_numbers_are_not_scored(strategy: str) -> None:
+    def broken(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return nothing(key, obs).at[3].set(jnp.nan)
+
+    with pytest.raises(ValueError, match=r"^policy: expected finite actions, got nan in support$"):
+        evaluate(broken, "support", strategy=strategy)
+
+
 def test_five_values_under_scan() -> None:
     env = FiveValues(*make("on-the-fly/support-v1"))
     assert env.name == "on-the-fly/support-v1"

@@ -14,7 +14,7 @@ from rich.console import Console
 from iphyre_jax.train import loop
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import checkpoint, runs
+from iphyre_jax.train.storage import checkpoint, manifest, runs
 
 TIMES = 200
 CONFIG = TrainConfig(
@@ -52,11 +52,11 @@ def remove(file: Path, rng: random.Random) -> str:
 
 def other_version(file: Path, rng: random.Random) -> str:
     """The manifest of another format, with a sum that fits."""
-    manifest = next(folder for folder in file.parents if (folder / checkpoint.MANIFEST).is_file()) / checkpoint.MANIFEST
-    content = json.loads(manifest.read_text())
+    written = next(folder for folder in file.parents if (folder / manifest.MANIFEST).is_file()) / manifest.MANIFEST
+    content = json.loads(written.read_text())
     content["format"] = rng.choice([0, 3, 4, "2", None])
-    manifest.write_text(json.dumps(content))
-    manifest.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(manifest)}\n")
+    written.write_text(json.dumps(content))
+    written.with_name(manifest.SUM).write_text(f"{manifest.sum_of(written)}\n")
     return f"format {content['format']!r}"
 
 
