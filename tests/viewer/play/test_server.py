@@ -16,6 +16,7 @@ import pytest
 
 from iphyre_jax import load_scene, simulate
 from iphyre_jax.scenes import read_scene, scene_to_dict
+from iphyre_jax.viewer.play import reception
 from iphyre_jax.viewer.play.api import Api
 from iphyre_jax.viewer.play.server import CONNECTIONS, FILES, PlayServer
 from iphyre_jax.viewer.play.session import Session
@@ -207,6 +208,50 @@ def test_floods_and_dawdlers_do_not_hold_up_play(server: PlayServer) -> None:
     finally:
         for connection in held:
             connection.close()
+
+
+def test_slow_clients_without_a_token_take_no_place(server: PlayServer) -> None:
+    port = server.server_port
+    beginnings = (b"", b"GET /", b"POST /b-token/api/start HTTP/1.1\r\nHost: x\r\n", f"GET /{TOKEN}/ HTT".encode())
+    held = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * CONNECTIONS)]
+    try:
+        for number, connection in enumerate(held):
+            connection.sendall(beginnings[number % len(beginnings)])
+        for name in ["api/start"] * 50:
+            assert ask(server, name)[0] == 200
+        assert ask(server, "/b-token/api/start")[0] == 403
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def test_of_too_many_slow_clients_the_oldest_is_cut(server: PlayServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reception, "WAITING", 4)
+    held = [socket.create_connection(("127.0.0.1", server.server_port), timeout=10) for _ in range(12)]
+    try:
+        assert [connection.recv(1) for connection in held[:7]] == [b""] * 7
+        assert ask(server, "api/start")[0] == 200
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def test_slow_headers_end_in_time(server: PlayServer) -> None:
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=30) as connection:
+        begin = time.monotonic()
+        try:
+            while time.monotonic() - begin < 25:  # the server allows 2 s, however busily they trickle
+                connection.sendall(b"a")
+                time.sleep(0.05)
+            pytest.fail("the server still reads")
+        except OSError:
+            pass
+
+
+def test_long_headers_are_refused(server: PlayServer) -> None:
+    line = f"GET /{TOKEN}/ HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\nx: ".encode()
+    assert b" 200 " in say(server, line + b"y" * 15_000 + b"\r\n\r\n")
+    assert b" 431 " in say(server, line + b"y" * (reception.MAX_HEADERS - len(line) + 1))
 
 
 def test_an_idle_server_costs_nothing(server: PlayServer) -> None:
