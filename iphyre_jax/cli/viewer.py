@@ -226,6 +226,7 @@ def play(command: PlayPage, console: Console) -> None:
         server = PlayServer(api, secrets.token_urlsafe(24), command.port)
     except OSError as error:
         raise OSError(f"port: expected a free port, got {command.port}: {error.strerror}") from None
+    api.simulator.warm_up()
     with server:
         say(console, f"Play at {server.address}")
         say(console, f"Attempts are added to {command.attempts}. Ctrl-C ends the game.")

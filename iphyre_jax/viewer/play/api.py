@@ -24,6 +24,7 @@ from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
 from iphyre_jax.viewer.recording import Recording
 
 FPS: Final = 60  # the frame rate at which people play in the paper
+MOST_TIED: Final = 100  # moving objects x ties; 96 compiled in 26 s on a busy machine, 200 not in 90 s of a core
 
 Fields = Mapping[str, Any]
 
@@ -135,7 +136,7 @@ class Api:
         except ValueError as error:
             lines = [line.removeprefix(": ") for line in str(error).split("\n")]
             return {"problems": lines, "warnings": [], "file": None}
-        return {"problems": [], "warnings": scene_warnings(scene), "file": scene_text(scene)}
+        return {"problems": [], "warnings": [*scene_warnings(scene), *_size_warnings(scene)], "file": scene_text(scene)}
 
     def _record(self, play: Play) -> Recording:
         return self.simulator.record(play, is_game=_is_game(play.scene))
@@ -143,6 +144,14 @@ class Api:
 
 def _is_game(scene: Scene) -> bool:
     return scene.name in GAMES and scene == load_scene(scene.name)
+
+
+def _size_warnings(scene: Scene) -> list[str]:
+    """Say whether the simulator may refuse a scene, whose preparation is ended after a while."""
+    moving, ties = int(scene.dynamic.sum()), len(scene.joints) + len(scene.springs)
+    if moving * ties <= MOST_TIED:
+        return []
+    return [f"{ties} joints and springs, {moving} moving objects: this scene may be too large to be played here"]
 
 
 def _own_play(scene: Scene, plan: Sequence[int]) -> Play:

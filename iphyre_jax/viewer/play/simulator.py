@@ -72,7 +72,7 @@ class Simulator:
         self._environment: dict[str, str] | None = None
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self._lock = threading.Lock()
-        self._refused: dict[RecordProgram, float] = {}  # -> until when, in monotonic seconds
+        self._refused: dict[RecordProgram, tuple[float, str]] = {}  # -> until when, in monotonic seconds, and why
 
         def process(**settings: object) -> PlayProcess:
             return PlayProcess({"memory": 0, "niceness": 0, "idle": None, **settings}, self._settings())
@@ -99,17 +99,17 @@ class Simulator:
         program = record_program(scene, fps=play.fps, dtype=play.dtype)
         request = {"scene": scene_to_dict(scene), "plan": list(play.plan), **settings}
         with self._lock:
-            if self._refused.get(program, 0.0) > time.monotonic():
-                raise RefusedError(422, _TOO_LARGE.format(self.limits.drawn_seconds))
-        place = self._quick
-        try:
-            answer = place.ask({**request, "compile": False})
-            if "missing" in answer:
-                place = self._games if is_game else self._drawn
+            until, reason = self._refused.get(program, (0.0, ""))
+        if until > time.monotonic():
+            raise RefusedError(422, reason)
+        answer = self._quick.ask({**request, "compile": False})
+        if "missing" in answer:
+            place = self._games if is_game else self._drawn
+            try:
                 answer = place.ask({**request, "compile": True})
-        except TimeoutError:
-            self._refuse(program)
-            raise RefusedError(422, _TOO_LARGE.format(place.seconds)) from None
+            except TooLargeError as error:
+                self._refuse(program, str(error))
+                raise
         plan = (*play.plan, *[NEVER] * (len(scene.eliminable_blocks) - len(play.plan)))
         return Recording(scene, plan, play.fps, play.dtype, play.resets, **answer["arrays"], **answer["result"])
 
@@ -137,18 +137,24 @@ class Simulator:
                 self._environment = {CACHE_VARIABLE: str(folder or (self._temporary and self._temporary.name))}
             return self._environment
 
-    def _refuse(self, program: RecordProgram) -> None:
+    def _refuse(self, program: RecordProgram, reason: str) -> None:
         with self._lock:
             while len(self._refused) >= REFUSED_KEPT:
                 del self._refused[next(iter(self._refused))]
-            self._refused[program] = time.monotonic() + self.limits.refused_seconds
+            self._refused[program] = time.monotonic() + self.limits.refused_seconds, reason
 
 
 _BUSY: Final = "the simulator is busy with other scenes; try again in a minute"
-_TOO_LARGE: Final = (
-    "this scene is too large to be played here: preparing its simulator takes more than {:g} s; "
-    "take away moving objects, joints or springs"
-)
+
+
+class TooLargeError(RefusedError):
+    """A scene that takes more time or memory than it may."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(422, f"this scene is too large to be played here: {reason}; {_REMEDY}")
+
+
+_REMEDY: Final = "take away moving objects, joints or springs"
 
 
 class _Place:
@@ -166,19 +172,16 @@ class _Place:
         """Ask the process.
 
         Raises:
-            RefusedError: too many wait, or the process has ended twice.
-            TimeoutError: the answer took too long; the process has ended.
+            RefusedError: too many wait.
+            TooLargeError: the answer took too long, or the process ended without one.
             ValueError: the request is wrong; one line.
         """
         with self._turns():
             try:
-                answer = self._running().ask(request, self.seconds)
-            except EndedError:  # it was idle, or somebody has ended it
-                self._end()
-                answer = self._ask_again(request)
+                answer = self._ask_running(request)
             except TimeoutError:
                 self._end()
-                raise
+                raise TooLargeError(f"preparing its simulator takes more than {self.seconds:g} s") from None
             if answer.get("memory", 0) > self._limits.kept:
                 self._end()
                 if self._stays:
@@ -187,12 +190,16 @@ class _Place:
             raise ValueError(error) if answer["is_mistake"] else RefusedError(500, f"the simulator failed: {error}")
         return answer
 
-    def _ask_again(self, request: dict[str, Any]) -> dict[str, Any]:
-        try:
-            return self._running().ask(request, self.seconds)
-        except EndedError:
-            self._end()
-            raise RefusedError(422, "the simulator ended; the scene may need too much memory") from None
+    def _ask_running(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Ask the process; if it had been there before, it may have been idle or killed, so a new one is asked."""
+        for was_there in (self.process is not None, False):
+            try:
+                return self._running().ask(request, self.seconds)
+            except EndedError:
+                self._end()
+                if not was_there:
+                    break
+        raise TooLargeError("its simulator ended, perhaps for lack of memory")
 
     def start(self) -> None:
         """Start the process unless it runs."""

@@ -120,6 +120,25 @@ def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer, tmp_pat
     assert ask(server, "api/check", {"scene": ["x"]})[1]["problems"][0].startswith("expected an object")
 
 
+def test_the_editor_says_that_a_scene_may_be_too_large(server: PlayServer) -> None:
+    balls, pairs = range(10), [[i, j] for i in range(10) for j in range(i)]
+    scene = {
+        "schema": "iphyre_jax/scene",
+        "version": 1,
+        "name": "tied",
+        "block": [],
+        "ball": [[50 + 50 * k, 100, 10] for k in balls],
+        "eli": [0] * 10,
+        "dynamic": [1] * 10,
+    }
+    said = "joints and springs, 10 moving objects: this scene may be too large to be played here"
+    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:11]}})[1]
+    assert answer["problems"] == []
+    assert f"11 {said}" in answer["warnings"]
+    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:10]}})[1]
+    assert not any(said in line for line in answer["warnings"])
+
+
 REFUSED: list[tuple[str, dict[str, Any], int]] = [
     ("another host", {"Host": "evil.example"}, 403),
     ("a host that points here", {"Host": "evil.example:80"}, 403),
