@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from iphyre_jax import load_scene, simulate
+from iphyre_jax import SceneBuilder, load_scene, simulate
 from iphyre_jax.scenes import read_scene, scene_to_dict
 from iphyre_jax.viewer.play import reception
 from iphyre_jax.viewer.play.api import Api
@@ -137,6 +137,42 @@ def test_the_editor_says_that_a_scene_may_be_too_large(server: PlayServer) -> No
     assert f"11 {said}" in answer["warnings"]
     answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:10]}})[1]
     assert not any(said in line for line in answer["warnings"])
+
+
+def test_names_of_scenes_reach_the_page_as_json_only(tmp_path: Path) -> None:
+    names = ["</script><script>alert(1)</script>", "\"' onfocus=alert(2)", "<!--", "\u05d0\u05d1"]
+    scenes = []
+    for name in names:
+        builder = SceneBuilder(name)
+        builder.ball((300, 300))
+        scenes.append(builder.build())
+    with PlayServer(Api(Session(None), scenes=scenes), TOKEN) as server:
+        thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        try:
+            for text in (f"GET /{TOKEN}/ HTTP/1.1\r\n", f"GET /{TOKEN}/play.js HTTP/1.1\r\n"):
+                answer = talk(server, f"{text}Host: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+                assert not any(name.encode() in answer for name in names[:3])
+            head = f"POST /{TOKEN}/api/start HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+            origin = f"Origin: http://127.0.0.1:{server.server_port}\r\n"
+            rest = "Content-Type: application/json\r\nContent-Length: 2\r\n\r\n{}"
+            header, _, body = talk(server, f"{head}{origin}{rest}".encode()).partition(b"\r\n\r\n")
+        finally:
+            server.shutdown()
+            thread.join()
+    assert b"Content-Type: application/json" in header
+    assert b"X-Content-Type-Options: nosniff" in header
+    assert b"script-src 'self'" in header
+    assert body.isascii()
+    assert [game["name"] for game in json.loads(body)["games"][-4:]] == names
+
+
+def talk(server: PlayServer, text: bytes) -> bytes:
+    """Send raw bytes and return the whole answer."""
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
+        connection.sendall(text)
+        with connection.makefile("rb") as answer:
+            return answer.read()
 
 
 REFUSED: list[tuple[str, dict[str, Any], int]] = [
