@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -12,7 +12,7 @@ from iphyre_jax.checks import one_line, show
 from iphyre_jax.files import parse_json
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.limits import MAX_NAME
-from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
+from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
 
 BEST: Final = "best"
 
@@ -27,13 +27,20 @@ def load_plays(source: str | Path) -> list[Play]:
     Raises:
         FileNotFoundError, OSError, ValueError: one line that names the source and what was expected.
     """
+    return list(each_play(source))
+
+
+def each_play(source: str | Path) -> Iterator[Play]:
+    """Yield the plays of a source; of a long file one line at a time is in memory. Arguments as for `load_plays`."""
     if str(source) == BEST:
-        return list(best_plays().values())
-    path = Path(source)
-    plays = _plays_of_run(path) if path.is_dir() else read_plays(path)
-    if not plays:
+        yield from best_plays().values()
+        return
+    path, count = Path(source), 0
+    for play in _plays_of_run(path) if path.is_dir() else iter_plays(path):
+        count += 1
+        yield play
+    if not count:
         raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
-    return plays
 
 
 @cache

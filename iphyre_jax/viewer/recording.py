@@ -14,10 +14,10 @@ import numpy.typing as npt
 from iphyre_jax.checks import check_dtype, check_whole, whole_fps
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.compilation.executables import executable
+from iphyre_jax.execution.compilation.executables import executable, load_cached
 from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import step_timing
+from iphyre_jax.scenes.compile import step_timing, topology_of
 from iphyre_jax.viewer.record_program import Frames, RecordProgram
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -120,19 +120,29 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     """
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
     topology, world = cached_world(scene, check_whole("resets", resets), check_dtype(dtype))
-    length = int(TIME_LIMIT * rate)
-    if length > (limit := topology.max_steps):
-        raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
-    padded = np.full(scene.limits.blocks, NEVER, np.int32)
+    program = record_program(scene, fps=rate, dtype=dtype)
+    padded = np.full(program.columns, NEVER, np.int32)
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
-    program = executable(RecordProgram(topology, dtype, len(padded), length))
-    counts, *frames = program(words, padded, programs.pack_timing(step_timing(rate, dtype)))
+    counts, *frames = executable(program)(words, padded, programs.pack_timing(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     reward = episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)
     poses, velocities, points = _object_arrays(scene, Frames(*frames), made + 1)
     result = bool(success), made, eliminations, float(reward[0]), fault
     return Recording(scene, tuple(steps), rate, dtype, int(resets), poses, velocities, points, *result)
+
+
+def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> RecordProgram:
+    """Return the program that `record` runs for such a recording; arguments and errors are those of `record`."""
+    topology, length = topology_of(scene), int(TIME_LIMIT * whole_fps(fps))
+    if length > (limit := topology.max_steps):
+        raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
+    return RecordProgram(topology, check_dtype(dtype), scene.limits.blocks, length)
+
+
+def is_compiled(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> bool:
+    """Return whether `record` needs no compilation: the program is in memory, or now loaded from the cache folder."""
+    return load_cached(record_program(scene, fps=fps, dtype=dtype))
 
 
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:

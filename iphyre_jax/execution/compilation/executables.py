@@ -47,6 +47,14 @@ def executable(program: Program) -> Run:
     return run
 
 
+def load_cached(program: Program) -> bool:
+    """Load a program that is in memory or in the cache folder; return whether it was there. Nothing is compiled."""
+    if program in _loaded:
+        return True
+    folder = configuration.cache_folder()
+    return folder is not None and _load(program, *_entry(program, folder))
+
+
 def prepare(programs: Sequence[Program]) -> None:
     """Load programs, and compile those that are not cached, side by side.
 
