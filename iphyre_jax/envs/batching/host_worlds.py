@@ -24,6 +24,7 @@ from iphyre_jax.envs.batching.host_step import ID_WORDS, HostStep
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
 from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
@@ -168,6 +169,7 @@ class HostWorlds(Worlds):
         """Call the host from a program; under `jax.vmap` once for the whole batch."""
         host = _host(self)
         host.prepare()  # while the program is traced, so that an interrupt ends it here
+        interrupts.watch()
         word = WORD[self.dtype]
         shapes = {
             "words": jax.ShapeDtypeStruct((host.episode_words,), word),

@@ -16,6 +16,8 @@ import numpy.typing as npt
 from jax.sharding import SingleDeviceSharding
 from jaxlib import xla_client
 
+from iphyre_jax.execution.forks import check_fork
+
 Arrays = tuple[npt.NDArray[Any], ...]
 
 ALIGNMENT = 64  # bytes
@@ -41,6 +43,7 @@ class Executable:
 
     def __call__(self, *arrays: npt.NDArray[Any] | ClientArray) -> Arrays:
         """Run the program; arrays must have its shapes and dtypes, and must not change before the call returns."""
+        check_fork()
         given = [array.array if isinstance(array, ClientArray) else _device_put(array) for array in arrays]
         results = self._loaded.execute_sharded(given).disassemble_into_single_device_arrays()
         return tuple(np.asarray(shards[0]) for shards in results)

@@ -28,6 +28,7 @@ from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executa
 from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.programs import Program
 
 Run = Callable[..., Arrays]
@@ -53,6 +54,7 @@ def prepare(programs: Sequence[Program]) -> None:
     Raises:
         TimeoutError: one took longer than `configure(compile_timeout=...)` allows.
     """
+    check_fork()
     with _lock:
         wanted = [program for program in dict.fromkeys(programs) if program not in _loaded]
         others = [_in_flight[program] for program in wanted if program in _in_flight]
