@@ -24,7 +24,7 @@ import numpy as np
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import cache_folder
-from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable
+from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable, give_back_memory
 from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
@@ -33,7 +33,7 @@ from iphyre_jax.execution.programs import Program
 
 Run = Callable[..., Arrays]
 
-LOADED: Final = 512  # programs in memory; the forty games have some dozens
+LOADED: Final = 96  # programs in memory, some 20 MB each; the least recently prepared goes first
 COST: Final = "steps may take 40 times as long"
 
 _loaded: dict[Program, Run] = {}
@@ -56,7 +56,9 @@ def prepare(programs: Sequence[Program]) -> None:
     """
     check_fork()
     with _lock:
-        wanted = [program for program in dict.fromkeys(programs) if program not in _loaded]
+        asked = list(dict.fromkeys(programs))
+        _loaded.update([(program, _loaded.pop(program)) for program in asked if program in _loaded])  # to the end
+        wanted = [program for program in asked if program not in _loaded]
         others = [_in_flight[program] for program in wanted if program in _in_flight]
         own = [program for program in wanted if program not in _in_flight]
         _in_flight.update((program, threading.Event()) for program in own)
@@ -82,9 +84,11 @@ def _load_or_compile(programs: Sequence[Program]) -> None:
 
 def _keep(program: Program, run: Run) -> None:
     with _lock:
-        while len(_loaded) >= LOADED:
-            del _loaded[next(iter(_loaded))]
+        dropped = [_loaded.pop(old) for old in list(_loaded)[: max(0, len(_loaded) + 1 - LOADED)]]
         _loaded[program] = run
+    if dropped:
+        dropped.clear()
+        give_back_memory()
 
 
 def _load_all(programs: Sequence[Program], folder: Path) -> None:
