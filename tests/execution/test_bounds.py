@@ -21,7 +21,7 @@ BOUNDED_BY_NATURE = {
     "_client": "no arguments",
     "_devices": "no arguments",
     "_sharding": "no arguments",
-    "_machine": "no arguments",
+    "machine": "no arguments",
     "_helpers": "numbers of threads that `configure` was given",
     "source_sum": "the kinds of programs",
     "void": "widths of a row",

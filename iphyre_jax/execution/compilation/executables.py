@@ -6,15 +6,12 @@ user's process, without our compiler options. A warning says what that costs.
 
 from __future__ import annotations
 
-import hashlib
-import platform
 import sys
 import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -160,21 +157,9 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
         "options": dict(options_for(program.lanes)),
-        "machine": _machine(),
+        "machine": cache_folder.machine(),
     }
     return cache_folder.entry_path(folder, key), key
-
-
-@cache
-def _machine() -> str:
-    """Return the features of the processor: machines that differ in them cannot share machine code."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    found = next((line.partition(":")[2] for line in lines if line.lower().startswith(("flags", "features"))), "")
-    features = " ".join(sorted(found.split())) or platform.processor()
-    return f"{sys.platform} {platform.machine()} {hashlib.sha256(features.encode()).hexdigest()[:16]}"
 
 
 _shown = threading.local()
