@@ -14,6 +14,7 @@ from jax.sharding import Mesh
 from iphyre_jax.checks import check_dtype, check_positive, check_whole
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import Partition, check_same_call, partition_of
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import episode_reward
@@ -178,6 +179,7 @@ def _simulate(
     settings: Settings,
     partition: Partition,
 ) -> Simulation:
+    check_fork()
     if partition.process_count > 1:
         check_same_call([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.spaces import Discrete, Space
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
 
@@ -80,6 +81,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         Raises:
             ValueError: options["game"] is not a game of this id; one line.
         """
+        check_fork()
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
@@ -96,6 +98,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         Raises:
             ValueError: the action is not of the action space, or `reset` was not called; one line.
         """
+        check_fork()
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
         checked = checked_action(self.env.action_space(), action, ())

@@ -17,6 +17,7 @@ from iphyre_jax.adapters.gymnasium_env import SEEDS, checked_action, gymnasium_f
 from iphyre_jax.checks import check_whole
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
+from iphyre_jax.execution.forks import check_fork
 
 
 class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
@@ -63,6 +64,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         Raises:
             ValueError: there are options, or more or fewer seeds than worlds; one line.
         """
+        check_fork()
         if options:
             raise ValueError(f"options: expected none, got {', '.join(map(str, options))}")
         seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
@@ -87,6 +89,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         Raises:
             ValueError: the actions are not of the action space, or `reset` was not called; one line.
         """
+        check_fork()
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
         checked = checked_action(self.env.action_space(), actions, (self.num_envs,))

@@ -14,6 +14,7 @@ from iphyre_jax.checks import check_positive
 from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
@@ -51,6 +52,7 @@ class IPHYRE:
 
     def reset(self, use_images: bool = False) -> npt.NDArray[Any]:
         """Start again; return the table or the picture, as `step` does."""
+        check_fork()
         self._resets += 1
         self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
         return self._observation(use_images)

@@ -27,6 +27,8 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.forks import check_fork
+from iphyre_jax.execution.interrupts import as_interrupts
 from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
@@ -99,6 +101,7 @@ class Environment:
         Raises:
             ValueError: a scene has a topology that the environment lacks; one line.
         """
+        check_fork()
         for scene in scenes:
             if cached_world(scene, self.protocol.resets, self.dtype)[0] not in self.topologies:
                 raise ValueError(
@@ -124,7 +127,6 @@ class Environment:
         warnings.warn("Environment.alone: use Environment.single_game", DeprecationWarning, stacklevel=2)
         return self.single_game(params, game)
 
-    @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
         """Begin an episode of a random game, all games being equally likely.
 
@@ -135,10 +137,17 @@ class Environment:
         Returns:
             The observation (see `observation_space`) and the state.
         """
-        return self.reset_to(_draw_game(key, params), params)
+        check_fork()  # not in the compiled function, where the child would hang
+        with as_interrupts():
+            out: tuple[jax.Array, EnvState] = self._reset(key, params)
+        return out
 
     @partial(jax.jit, static_argnums=0)
-    def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+    def _reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        out: tuple[jax.Array, EnvState] = self._reset_to(_draw_game(key, params), params)
+        return out
+
+    def reset_to(self, game: ArrayLike, params: EnvParams) -> tuple[jax.Array, EnvState]:
         """Begin an episode of a given game.
 
         Args:
@@ -148,6 +157,13 @@ class Environment:
         Returns:
             See `reset`.
         """
+        check_fork()
+        with as_interrupts():
+            out: tuple[jax.Array, EnvState] = self._reset_to(game, params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _reset_to(self, game: ArrayLike, params: EnvParams) -> tuple[jax.Array, EnvState]:
         self.check_dtype()
         obs, state = self.worlds.reset(params, jnp.asarray(game, jnp.int32))
         return self._observation(params, state, obs), state
@@ -172,9 +188,12 @@ class Environment:
         Raises:
             ValueError: the action has a wrong shape or type, or JAX lacks the physics' dtype; one line.
         """
+        check_fork()
         self.check_dtype()
         out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
-        out = self._step(key, state, self.action_space().array(action), params)
+        checked = self.action_space().array(action)
+        with as_interrupts():
+            out = self._step(key, state, checked, params)
         return out
 
     @partial(jax.jit, static_argnums=0)
@@ -210,9 +229,15 @@ class Environment:
         obs = self._observation(params, out.state, out.obs)
         return obs, out.state, self.reward(before, out.status), *self.ending(out.status), info
 
-    @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return the observation of a state."""
+        check_fork()
+        with as_interrupts():
+            out: jax.Array = self._observe(state, params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         obs = None if self.observation == "image" else self.worlds.observe(params, state)
         return self._observation(params, state, obs)
 

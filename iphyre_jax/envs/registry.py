@@ -13,6 +13,7 @@ from iphyre_jax.envs.protocols import EpisodeProtocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scenes
@@ -129,6 +130,7 @@ def environment_of(
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
+    check_fork()
     check_dtype(dtype)
     check_option("observation", observation, get_args(ObservationName))
     if backend not in (None, *get_args(BackendName)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 from dataclasses import dataclass
@@ -170,4 +171,10 @@ def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
     jax.config.update("jax_compilation_cache_dir", None if folder is None else str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
     compilation_cache.reset_cache()  # otherwise a process that has already compiled would ignore the folder
+    if folder is not None:
+        with contextlib.suppress(ImportError):  # a JAX with other insides keeps its own files there
+            from iphyre_jax.execution.compilation.jax_cache import NO_PATHS, set_jax_cache
+
+            jax.config.update("jax_persistent_cache_enable_xla_caches", NO_PATHS)
+            set_jax_cache(folder)
     _settings.jax_folder = folder

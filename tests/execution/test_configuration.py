@@ -98,6 +98,30 @@ def test_it_may_be_called_again(cache: Path) -> None:
     assert python(code + "result = made.cache", cache) is None
 
 
+def entries_of_jax(cache: Path) -> dict[str, bytes]:
+    """What JAX keeps in a folder."""
+    return {file.name: file.read_bytes() for file in cache.glob("*.jax")}
+
+
+def test_the_users_own_programs_are_whole_and_may_move(cache: Path, tmp_path: Path) -> None:
+    """A damaged entry is replaced without a word; a copy of the folder elsewhere has every program."""
+    code = f"iphyre_jax.configure()\n{OWN}result = None"
+    python(code, cache)
+    kept = entries_of_jax(cache)
+    assert kept
+    for name, content in kept.items():
+        (cache / name).write_bytes(content[: len(content) // 2])
+    python(code, cache)
+    mended = entries_of_jax(cache)
+    assert mended.keys() == kept.keys()
+    assert all(len(mended[name]) > len(kept[name]) // 2 for name in kept)
+    elsewhere = tmp_path / "elsewhere" / "iphyre_jax"
+    shutil.copytree(cache, elsewhere)
+    python(code, elsewhere)
+    assert entries_of_jax(elsewhere) == mended
+    assert [file.suffix for file in cache.iterdir() if file.name.startswith(".")] == []
+
+
 def test_devices(cache: Path) -> None:
     code = "import jax\nmade = iphyre_jax.configure(devices=3, cache=False)\n"
     assert python(code + "result = [made.threads, jax.local_device_count()]", cache) == [3, 3]

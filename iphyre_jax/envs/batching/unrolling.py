@@ -28,6 +28,8 @@ import numpy.typing as npt
 from iphyre_jax.checks import check_whole
 from iphyre_jax.envs.core import NO_GAME, Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.execution.forks import check_fork
+from iphyre_jax.execution.interrupts import as_interrupts
 
 ActingPolicy = Callable[[Any, jax.Array, jax.Array], tuple[jax.Array, Any]]
 """`policy(weights, key, observation) -> action, extras` for one world, in JAX; extras are any tree of arrays."""
@@ -54,6 +56,7 @@ class Batch:
         Raises:
             ValueError: games are not such rows; one line.
         """
+        check_fork()
         rows = np.asarray(games)
         if rows.ndim != 1 or not rows.size or rows.dtype.kind not in "iu":
             raise ValueError(f"games: expected integers, one for each world, got {rows.dtype} of shape {rows.shape}")
@@ -86,7 +89,6 @@ def _reset(environment: Environment, games: jax.Array, params: EnvParams) -> tup
     return jax.vmap(environment.reset_to, in_axes=(0, None))(games, params)
 
 
-@partial(jax.jit, static_argnames=("environment", "policy", "decisions"))
 def unroll(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
@@ -111,8 +113,19 @@ def unroll(
     Raises:
         ValueError: decisions is not a whole number of at least 1, or JAX lacks the environment's dtype; one line.
     """
+    check_fork()
     check_whole("decisions", decisions)
     environment.check_dtype()
+    with as_interrupts():
+        out: tuple[Batch, Steps] = _unroll(environment, policy, weights, batch, key, decisions=decisions)
+    return out
+
+
+@partial(jax.jit, static_argnames=("environment", "policy", "decisions"))
+def _unroll(
+    environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
+) -> tuple[Batch, Steps]:
+    """Do what `unroll` says; traced."""
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)
 
