@@ -24,7 +24,7 @@ BATCH = 64  # plans played side by side; those beyond the last one needed are dr
 MOST_PLANS = 1_000_000  # of a kind
 MOST_INSTANTS = 1_000_000
 MOST_SECONDS = 1000.0
-REPEATS = 100_000  # draws in a row of plans that were drawn before: there is no other plan
+REPEATS = 100_000  # draws in a row of plans that were drawn before: there is hardly another
 
 Action = list[float]  # seconds of each slot, then solved (1 or 0), blocks removed, seconds played
 
@@ -62,7 +62,8 @@ def generate_actions(
         the end of the episode, then solved, blocks removed and seconds played.
 
     Raises:
-        ValueError: one line naming the argument and what was expected.
+        ValueError: one line naming the argument and what was expected; also if all plans were drawn, and too few are of
+            a kind that is wanted.
         RuntimeError: a world has a fault; one line.
     """
     scene = load_scene(game)
@@ -76,14 +77,20 @@ def generate_actions(
     failed: list[Action] = []
     drawn = 0
     for plan, (solved, removed, seconds) in _score_in_batches(scene, plans):
-        if len(succeeded) >= num_succeed and len(failed) >= num_fail:
+        if _enough(succeeded, num_succeed, failed, num_fail):
             break
         drawn += 1
         done = [float(t * (t <= seconds)) for t in plan]
         chosen, wanted = (succeeded, num_succeed) if solved else (failed, num_fail)
         if len(chosen) < wanted:
             chosen.append([*done, solved, removed, seconds])
+    if not _enough(succeeded, num_succeed, failed, num_fail):
+        raise ValueError(f"interval: expected more instants, because all plans were drawn, {drawn} of them")
     return succeeded, failed, drawn
+
+
+def _enough(succeeded: list[Action], num_succeed: int, failed: list[Action], num_fail: int) -> bool:
+    return len(succeeded) >= num_succeed and len(failed) >= num_fail
 
 
 def _instants(
@@ -109,11 +116,14 @@ def _score_in_batches(scene: Scene, plans: Iterator[Action]) -> Iterator[tuple[A
     """Play plans batch by batch; yield each with solved, blocks removed and seconds."""
     for first in count(2, BATCH):  # the official function resets once before the first plan
         batch = list(islice(plans, BATCH))
-        yield from zip(batch, _score_plans(scene, batch, first), strict=True)
+        if not batch:
+            return
+        full = batch + batch[-1:] * (BATCH - len(batch))
+        yield from zip(batch, _score_plans(scene, full, first)[: len(batch)], strict=True)
 
 
 def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:
-    """Draw plans without end, with the random numbers in the official order."""
+    """Draw plans until there are no others, with the random numbers in the official order."""
     generator, noise = random.Random(seed), np.random.RandomState(seed)  # noqa: S311  # the official streams
     drawn: set[tuple[float, ...]] = set()
     while True:
@@ -122,7 +132,7 @@ def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: fl
             if tuple(times) not in drawn:
                 break
         else:
-            raise ValueError(f"interval: expected more instants, because all plans were drawn, {len(drawn)} of them")
+            return
         times = [t * (noise.uniform() > epsilon) for t in times]
         times += [0.0] * (slots - blocks)
         drawn.add(tuple(times))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,3 +72,19 @@ def test_five_values_under_scan() -> None:
     np.testing.assert_array_equal(done, terminated | truncated)
     assert done.sum() >= 1
     assert reward.max() > 900
+
+
+def test_a_policy_that_gives_nan_is_not_scored() -> None:
+    """The environment does nothing for NaN, so it was scored as a policy that leaves all blocks."""
+
+    def broken(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return nothing(key, obs).at[2].set(jnp.nan)
+
+    with pytest.raises(ValueError, match=r"^policy: expected actions that are numbers, got NaN in decision 1 of hole$"):
+        evaluate(broken, ["support", "hole"][1:], strategy="in-advance")
+
+
+@pytest.mark.parametrize("policy", [lambda obs: obs, lambda: 0, lambda weights, key, obs: obs])
+def test_a_policy_of_other_arguments_is_told_which(policy: Any) -> None:
+    with pytest.raises(ValueError, match=r"^policy: expected a function of a key and an observation, got one of \("):
+        evaluate(policy, ["hole"], strategy="in-advance")
