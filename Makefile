@@ -68,6 +68,10 @@ test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
 
+.PHONY: test-extremes
+test-extremes: .venv/.stamp ## scenes of extreme geometry at both rates, in both number types: finite or at fault, neighbours untouched
+	PYTHONPATH=. $(PY) tests/robustness/extreme_scenes.py
+
 test-browser: chromium ## the pages in Chromium, in an environment of its own; screenshots in build/browser/
 	$(PYTHON) -m venv $(BROWSER_VENV)
 	$(BROWSER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,browser]' pytest hypothesis

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.checks import check_instance
 from iphyre_jax.envs import Environment, EnvParams, EnvState
 from iphyre_jax.envs.spaces import Box, Space
 
@@ -20,10 +21,18 @@ class FiveValues:
     Attributes:
         env: the environment; those trainers expect autoreset.
         default_params: for `reset` and `step` without parameters.
+
+    Raises:
+        ValueError: they are not what `make` returns; one line.
     """
 
     env: Environment
     default_params: EnvParams
+
+    def __post_init__(self) -> None:
+        """Check the attributes."""
+        check_instance("env", self.env, Environment, "an environment that make has returned")
+        check_instance("default_params", self.default_params, EnvParams, "the parameters that make has returned")
 
     @property
     def name(self) -> str:

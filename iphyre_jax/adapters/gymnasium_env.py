@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
 from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.spaces import Discrete, Space
@@ -60,8 +61,8 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium declares it so
 
     def __init__(self, id: str, *, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f'render_mode: expected "rgb_array" or None, got {render_mode!r}')
+        if render_mode is not None and (not isinstance(render_mode, str) or render_mode != "rgb_array"):
+            raise ValueError(f'render_mode: expected "rgb_array" or None, got {show(render_mode)}')
         if "autoreset" in options:
             raise ValueError("autoreset: expected none, because the user resets a gymnasium.Env")
         self.env, self.params = make(id, autoreset=False, **options)
@@ -78,10 +79,17 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin an episode; see the class.
 
+        Args:
+            seed: 0 to 2**63 - 1, or None to continue with the generator.
+            options: {"game": name or number}, or None.
+
         Raises:
-            ValueError: options["game"] is not a game of this id; one line.
+            ValueError: the seed is no such number, or options["game"] is not a game of this id; one line.
         """
         check_fork()
+        seed = checked_seed(seed)
+        if options is not None:
+            check_instance("options", options, dict, 'a dict such as {"game": "hole"} or None')
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
@@ -137,7 +145,12 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             return self.env.games.index(game)
         if isinstance(game, int | np.integer) and not isinstance(game, bool) and 0 <= game < len(self.env.games):
             return int(game)
-        raise ValueError(f"options: expected a game of {self.env.name} by name or number, got {game!r}")
+        raise ValueError(f"options: expected a game of {self.env.name} by name or number, got {show(game)}")
+
+
+def checked_seed(seed: object) -> int | None:
+    """Return a seed as an int, or None; ValueError in one line unless it is one or the other."""
+    return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
 
 
 @partial(jax.jit, static_argnums=0)

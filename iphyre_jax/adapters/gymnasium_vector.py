@@ -13,11 +13,14 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from iphyre_jax.adapters.gymnasium_env import SEEDS, checked_action, gymnasium_flags, space_of
-from iphyre_jax.checks import check_whole
+from iphyre_jax.adapters.gymnasium_env import SEEDS, checked_action, checked_seed, gymnasium_flags, space_of
+from iphyre_jax.checks import MAX_SEED, check_whole, show
 from iphyre_jax.envs import EnvParams, EnvState, make
+from iphyre_jax.envs.arguments import check_batch
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.execution.forks import check_fork
+
+MAX_WORLDS = 1_000_000
 
 
 class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
@@ -28,7 +31,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
-        num_envs: B, the number of worlds.
+        num_envs: B, the number of worlds, 1 to 1,000,000 if memory allows.
         **options: as for `iphyre_jax.make`, except autoreset and final_observation.
 
     Raises:
@@ -38,11 +41,12 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  # declared so there
 
     def __init__(self, id: str, num_envs: int = 1, **options: Any) -> None:  # noqa: ANN401
-        check_whole("num_envs", num_envs)
+        check_whole("num_envs", num_envs, 1, MAX_WORLDS)
         if "autoreset" in options:
             raise ValueError("autoreset: expected none, because the vector environment always resets in the same step")
         self.num_envs = num_envs
         self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
+        check_batch("num_envs", self.env, num_envs)
         self.single_observation_space = space_of(self.env.observation_space())
         self.single_action_space = space_of(self.env.action_space())
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -58,7 +62,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         """Begin an episode in every world.
 
         Args:
-            seed: s for the seeds s, s + 1, ..., or one seed for each world, or None to continue with the generators.
+            seed: s for the seeds s, s + 1, ..., or one seed for each world, 0 to 2**63 - 1 each, or None to continue
+                with the generators.
             options: must be empty.
 
         Raises:
@@ -66,13 +71,12 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         """
         check_fork()
         if options:
-            raise ValueError(f"options: expected none, got {', '.join(map(str, options))}")
-        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
-        if seeds is not None and len(seeds) != self.num_envs:
-            raise ValueError(f"seed: expected {self.num_envs}, one for each world, got {len(seeds)}")
-        for k, one in enumerate(seeds or []):
+            names = ", ".join(map(str, options)) if isinstance(options, dict) else show(options)
+            raise ValueError(f"options: expected none, got {names}")
+        seeds = [] if seed is None else self._seeds_of(seed)
+        for k, one in enumerate(seeds):
             if one is not None:
-                self._generators[k] = seeding.np_random(int(one))[0]
+                self._generators[k] = seeding.np_random(one)[0]
         every = np.ones(self.num_envs, bool)
         self._draw(every)
         with jax.enable_x64(self._x64):
@@ -108,6 +112,15 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             infos["_final_info"] = done.copy()
         flags = gymnasium_flags(self.env, *official)
         return np.array(obs), np.array(reward, np.float64), flags[0] | nothing, flags[1] | nothing, infos
+
+    def _seeds_of(self, seed: int | Sequence[int | None]) -> list[int | None]:
+        """Return the seed of each world; ValueError in one line for anything but numbers and None."""
+        if not isinstance(seed, Sequence | np.ndarray):
+            first = check_whole("seed", seed, 0, MAX_SEED)
+            return [check_whole("seed", first + k, 0, MAX_SEED) for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed: expected {self.num_envs}, one for each world, got {len(seed)}")
+        return [checked_seed(one) for one in seed]
 
     def _draw(self, worlds: npt.NDArray[np.bool_]) -> None:
         """Draw the seeds of the next episodes of some worlds, each from the world's own generator."""

@@ -185,7 +185,9 @@ def _frame_look(command: Render, size: int) -> Look:
     """Return the look of the frames; `size` is used if the command sets none."""
     from iphyre_jax.viewer.frames import Look
 
-    return Look(command.theme, command.size or size, command.captions, command.trails, command.fade)
+    return Look(
+        command.theme, size if command.size is None else command.size, command.captions, command.trails, command.fade
+    )
 
 
 def _record_plan(command: Render, scene: Scene) -> Recording:

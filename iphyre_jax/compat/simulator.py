@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -10,7 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_positive
+from iphyre_jax.checks import check_flag, check_fps, is_list, show
 from iphyre_jax.compat import data
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
@@ -30,14 +31,14 @@ class IPHYRE:
 
     Args:
         game: a game's name, or, beyond the official class, a scene file or a Scene.
-        fps: physics steps a second.
+        fps: physics steps a second, 0.001 to 100,000.
 
     Raises:
-        ValueError: no such game, or no positive rate; one line.
+        ValueError: no such game, or another rate; one line.
     """
 
     def __init__(self, game: str | os.PathLike[str] | Scene = "support", fps: float = 60) -> None:
-        check_positive("fps", fps, "a positive number of steps a second")
+        check_fps(fps)
         self.scene = load_scene(game)
         self.game = self.scene.name
         self.FPS = fps
@@ -53,6 +54,7 @@ class IPHYRE:
     def reset(self, use_images: bool = False) -> npt.NDArray[Any]:
         """Start again; return the table or the picture, as `step` does."""
         check_fork()
+        check_flag("use_images", use_images)
         self._resets += 1
         self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
         return self._observation(use_images)
@@ -73,6 +75,7 @@ class IPHYRE:
         Raises:
             ValueError: pos is not a position, or `reset` was not called; one line.
         """
+        check_flag("use_images", use_images)
         x, y = _position(pos)
         hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
         if hit is not None:
@@ -154,6 +157,8 @@ class IPHYRE:
 
     def removals(self, action: Sequence[Click]) -> dict[int, int]:
         """Return the objects that timed clicks remove, each with its step from now."""
+        if not is_list(action):
+            raise ValueError(f"action: expected a sequence of clicks x, y, t, got {show(action)}")
         alive, found = self._started.alive.copy(), {}
         due = iter(sorted(map(_click, action), key=lambda click: click[2]))
         click = next(due, None)
@@ -218,8 +223,10 @@ def _position(pos: object) -> tuple[float, float]:
     """Return a click's x and y."""
     try:
         x, y = (float(part) for part in pos)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ValueError(f"pos: expected a position x, y in px, got {pos!r}".splitlines()[0]) from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"pos: expected a position x, y in px, got {show(pos)}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"pos: expected finite numbers, got {x!r}, {y!r}")
     return x, y
 
 
@@ -227,8 +234,10 @@ def _click(click: object) -> tuple[float, float, float]:
     """Return a timed click's x, y and t."""
     try:
         x, y, t = (float(part) for part in click)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ValueError(f"action: expected clicks x, y, t, got {click!r}".splitlines()[0]) from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"action: expected clicks x, y, t, got {show(click)}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"action: expected finite positions, got {x!r}, {y!r}")
     if not t >= 0:
         raise ValueError(f"action: expected times that are not negative, got {t!r}")
     return x, y, t

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.checks import show, whole_fps
+from iphyre_jax.checks import MAX_RESETS, show, whole_fps
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import SPLITS, load_scene
@@ -116,6 +116,7 @@ class TrainConfig:
             _require(self, name, getattr(self, name) >= 1, "at least 1")
         for name in ("variations", "added_blocks"):
             _require(self, name, getattr(self, name) >= 0, "a number not below 0")
+        _require(self, "resets", self.resets <= MAX_RESETS, f"at most {MAX_RESETS}")
         _require(self, "episodes_per_scene", self.episodes_per_scene >= 2, "at least 2")
         _require(self, "seed", 0 <= self.seed < 2**31, "from 0 to 2**31 - 1")
         widths = len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 1
