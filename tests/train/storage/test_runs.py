@@ -309,7 +309,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
     assert [f"{name}-paper" for name in list(table)[:12]] == list(of_paper)
     for config in (*table.values(), *of_paper.values()):
         config.check()
-    text = agents.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path, "results")
+    text = agents.document([compare.read(finished.folder)], ["ppo-i seed 1"], tmp_path, "results")
     for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text
