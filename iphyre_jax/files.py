@@ -19,7 +19,7 @@ import numpy.typing as npt
 from iphyre_jax.checks import one_line, show
 
 MAX_JSON_BYTES: Final = 1_000_000  # of a scene, a play, a request
-MAX_JSON: Final = 10 * MAX_JSON_BYTES  # of a file of our own; parsed, it takes some 200 MB at most
+MAX_JSON: Final = 2 * MAX_JSON_BYTES  # of a file of our own; parsed, it takes some 60 MB at most
 LOCK: Final = ".lock"
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
@@ -144,12 +144,24 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     draft = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
     try:
-        yield draft
-        with draft.open("rb") as file:
-            os.fsync(file.fileno())
-        draft.replace(target)
+        with naming(target):
+            yield draft
+            with draft.open("rb") as file:
+                os.fsync(file.fileno())
+            draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Let an error of the system name the file, as one of a full disk does not by itself."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(file)
+        raise
 
 
 def replace_bytes(path: Path, content: bytes) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -21,6 +24,7 @@ from iphyre_jax.train import loop, trainer
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs, runs
+from tests.robustness.failing_disk import FailingDisk
 
 CONFIG = TrainConfig(
     games=("support", "hole"), hidden_sizes=(8,), updates=3, checkpoint_seconds=0.0, learner=PPO(minibatches=2)
@@ -189,3 +193,39 @@ def test_one_process_at_a_time_trains_in_a_folder(
     loop.resume(folder, QUIET)
     assert ending(folder) == undisturbed
     assert not (folder / ".lock").exists()
+
+
+DISK = FailingDisk()
+
+
+@pytest.mark.parametrize(("share", "code"), [(0.0, errno.EROFS), (0.08, errno.ENOSPC), (0.6, errno.ENOSPC)])
+def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes(
+    share: float,
+    code: int,
+    counting: type[Counting],
+    undisturbed: list[Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Every write is tried by `make test-faults`; here one of the folder, of metrics.csv and of a checkpoint."""
+    with DISK.failing(tmp_path):
+        loop.train(CONFIG, tmp_path / "count", QUIET)
+    folder = tmp_path / "run"
+    with DISK.failing(tmp_path, int(share * DISK.writes), code):
+        assert cli.run(["train", "--out", str(folder), *OPTIONS]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert str(folder) in said
+    assert os.strerror(code) in said
+    assert not [entry for entry in folder.rglob("*") if ".part" in entry.name or entry.name == ".lock"]
+    begun = (folder / runs.CONFIG).is_file()
+    assert (loop.resume(folder, QUIET) if begun else loop.train(CONFIG, folder, QUIET)).finished
+    assert ending(folder) == undisturbed
+
+
+def test_a_checkpoint_needs_room(
+    counting: type[Counting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=900_000))
+    assert cli.run(["train", "--out", str(tmp_path / "run"), *OPTIONS]) == 2
+    assert "cannot be written: expected 1.2 MB of room on the disk, got 0.9 MB" in capsys.readouterr().err

@@ -57,6 +57,8 @@ def _fields(default: Any, values: object, source: str | Path) -> Any:  # noqa: A
 
 def _same_type(value: object, default: object) -> bool:
     """Whether a value read from JSON fits a field with this default."""
+    if isinstance(value, int) and value.bit_length() > 63:
+        return False
     if isinstance(default, tuple):
         item_type = type(default[0]) if default else str
         return isinstance(value, tuple) and all(type(item) is item_type for item in value)

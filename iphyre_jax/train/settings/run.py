@@ -251,6 +251,7 @@ _CHOICES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 _MOST: Final[Mapping[str, int]] = MappingProxyType(
     {
         "updates": 2**31 - 1,  # as a checkpoint counts them
+        "checkpoint_seconds": 10**9,
         "episodes_per_scene": 10**6,
         "sampled_episodes": 10**6,
         "greedy_every": 2**31 - 1,

@@ -10,8 +10,10 @@ manifest.sha256   SHA-256 of manifest.json
 
 from __future__ import annotations
 
+import logging
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +32,11 @@ from iphyre_jax.train.trainer import RunState
 
 FOLDER: Final = "checkpoints"
 KEEP: Final = 2  # checkpoints of a run; older ones are not needed
+ROOM: Final = 2**20  # bytes of a checkpoint beyond those of its arrays
+# Else threads wait twenty minutes for a folder that could not be made, and the process with them.
+FOLDERS_FIRST: Final = ocp.AsyncOptions(create_directories_asynchronously=False)
 MAX_NAMED: Final = 5  # checkpoints in a message
+MAX_MESSAGE: Final = 300  # characters of orbax's, which names files at length
 
 
 def save(run: Path, config: TrainConfig, state: RunState) -> Path:
@@ -43,19 +49,21 @@ def save(run: Path, config: TrainConfig, state: RunState) -> Path:
         Its folder.
 
     Raises:
-        OSError: one line; it cannot be written. Earlier checkpoints are untouched, and no draft stays.
+        OSError: one line; it cannot be written. Earlier checkpoints are untouched.
     """
     folder = run / FOLDER
     final = folder / f"{int(state.update):06d}"
     partial = folder / f".{final.name}"
     if final.exists():
         return final
+    arrays = named_arrays(_storable(state))
     try:
         folder.mkdir(exist_ok=True)
         for left in folder.glob(".*"):
             shutil.rmtree(left)
-        with ocp.StandardCheckpointer() as checkpointer:
-            checkpointer.save((partial / STATE).absolute(), named_arrays(_storable(state)))
+        _require_room(folder, arrays)
+        with _quiet(), ocp.StandardCheckpointer(async_options=FOLDERS_FIRST) as checkpointer:
+            checkpointer.save((partial / STATE).absolute(), arrays)
         manifest.write(partial, config, int(state.update))
         partial.rename(final)
         manifest.sync(folder)
@@ -65,6 +73,32 @@ def save(run: Path, config: TrainConfig, state: RunState) -> Path:
         shutil.rmtree(partial, ignore_errors=True)
         raise OSError(f"{final}: the checkpoint cannot be written: {_first_line(error)}") from error
     return final
+
+
+def _require_room(folder: Path, arrays: Mapping[str, Any]) -> None:
+    """Refuse to begin a checkpoint that the disk has no room for."""
+    free, needed = shutil.disk_usage(folder).free, _bytes(arrays) + ROOM
+    if free < needed:
+        raise OSError(f"expected {needed / 1e6:,.1f} MB of room on the disk, got {free / 1e6:,.1f} MB")
+
+
+def _bytes(arrays: Mapping[str, Any]) -> int:
+    """Bytes of all arrays together."""
+    return sum(leaf.size * leaf.dtype.itemsize for leaf in arrays.values())
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep orbax from logging the trace of an error that we raise in one line."""
+    loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
+    before = [logger.disabled for logger in loggers]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger, disabled in zip(loggers, before, strict=True):
+            logger.disabled = disabled
 
 
 def remove(run: Path, name: str) -> None:
@@ -134,16 +168,15 @@ def _offer(run: Path, config: TrainConfig, damaged: str) -> str:
 
 def _first_line(error: Exception) -> str:
     """The first line of an error."""
-    return one_line((str(error).strip().splitlines() or [type(error).__name__])[0])
+    return one_line((str(error).strip().splitlines() or [type(error).__name__])[0])[:MAX_MESSAGE]
 
 
 def _load(path: Path, config: TrainConfig) -> RunState:
     """Verify and read one checkpoint."""
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
     expected = named_arrays(like)
-    state_bytes = sum(leaf.size * leaf.dtype.itemsize for leaf in expected.values())
-    old = manifest.verify(path, config, state_bytes) == 1
-    with ocp.StandardCheckpointer() as checkpointer:
+    old = manifest.verify(path, config, _bytes(expected)) == 1
+    with _quiet(), ocp.StandardCheckpointer() as checkpointer:
         stored = checkpointer.metadata((path / STATE).absolute()).item_metadata.tree
         stored_name = {old_names.array_path(name) if old else name: name for name in stored}
         # Compared before anything is read: orbax readers hang at a wrong shape.

@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import importlib
 import io
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import replacing
+from iphyre_jax.files import naming, replacing
 from iphyre_jax.train.trainer import Metrics
 
 FILE: Final = "metrics.csv"
 TENSORBOARD: Final = "tensorboard"
+WHOLE: Final = re.compile("[0-9]{1,10}")  # an update
 MAX_LINE: Final = 10_000  # bytes of a line of metrics.csv
 
 
@@ -60,7 +62,7 @@ def _lines(file: Path, numbers: Sequence[str], optional: Sequence[str]) -> Itera
             if len(cells) != len(header):
                 raise ValueError(f"{file}: line {count}: expected {len(header)} cells, got {len(cells)}")
             line = dict(zip(header, cells, strict=True))
-            if not line["update"].isdecimal() or not line["update"].isascii():
+            if not WHOLE.fullmatch(line["update"]):
                 raise ValueError(f"{file}: line {count}, update: expected a whole number, got {show(line['update'])}")
             for name in (*numbers, *(name for name in optional if line[name])):
                 _check_number(line[name], f"{file}: line {count}, {name}")
@@ -108,8 +110,12 @@ class Log:
         self._summary_writer: Any = _summary_writer(run / TENSORBOARD, update) if tensorboard else None
 
     def add(self, metrics: Metrics) -> None:
-        """Append the metrics of an update."""
-        with self._file.open("a", encoding="utf-8") as file:
+        """Append the metrics of an update.
+
+        Raises:
+            OSError: the line cannot be written; one line. What stands there of it is cut when the run goes on.
+        """
+        with naming(self._file), self._file.open("a", encoding="utf-8") as file:
             file.write(_text([_cell(metrics[name]) for name in self._columns]))
         if self._summary_writer is not None:
             for name, value in metrics.items():

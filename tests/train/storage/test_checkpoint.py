@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from iphyre_jax.train import trainer
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, manifest
+from tests.robustness.failing_disk import FailingDisk
 
 CONFIG = TrainConfig(games=("support", "hole"), hidden_sizes=(8,), learner=PPO(minibatches=2))
 
@@ -89,3 +92,25 @@ def test_a_state_of_another_update_is_refused(tmp_path: Path) -> None:
     path.rename(path.with_name("000002"))
     with pytest.raises(ValueError, match="its state is that of 1 updates"):
         checkpoint.load(tmp_path, CONFIG)
+
+
+@pytest.mark.filterwarnings("ignore:coroutine .* was never awaited:RuntimeWarning")  # orbax's own, when it fails
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_save_that_fails_can_be_made_again(tmp_path: Path) -> None:
+    """No thread waits: orbax's waited twenty minutes, and the process with them, for a folder that was never made."""
+    saved(tmp_path, 1)
+    before, disk = set(threading.enumerate()), FailingDisk()
+    for k in range(8):
+        with (
+            disk.failing(tmp_path, k),
+            pytest.raises(OSError, match="000002: the checkpoint cannot be written") as error,
+        ):
+            saved(tmp_path, 2)
+        assert "\n" not in str(error.value)
+        assert checkpoint.names(tmp_path) == ["000001"]
+    deadline = time.monotonic() + 20
+    # Those of metadata_store are idle; they end with the process.
+    while waiting := [one.name for one in set(threading.enumerate()) - before if "metadata_store" not in one.name]:
+        assert time.monotonic() < deadline, waiting
+        time.sleep(0.05)
+    assert saved(tmp_path, 2).is_dir()
