@@ -51,8 +51,8 @@ class SimulatorLimits:
 
     play_seconds: float = 20.0
     game_seconds: float = 300.0
-    drawn_seconds: float = 60.0
-    refused_seconds: float = 600.0
+    drawn_seconds: float = 120.0
+    refused_seconds: float = 120.0
     memory: int = 4 * GIGABYTE
     kept: int = GIGABYTE
     waiting: int = 4
