@@ -12,7 +12,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners soak chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -51,6 +51,11 @@ test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each res
 
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 	$(PY) tests/robustness/damage.py
+
+SOAK_MINUTES ?= 60
+
+soak: .venv/.stamp ## every public call with ever new scenes for an hour; memory, programs, threads and files must not grow
+	$(PY) tests/robustness/soak.py --minutes $(SOAK_MINUTES)
 
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
