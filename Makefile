@@ -53,8 +53,10 @@ FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
 test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour
 	bad=0; for script in $(FAULTS); do $(FAULT_SCRIPT)/$$script.py || bad=1; done; $(FAULT_SCRIPT)/report.py; exit $$bad
 
+SOAK_MINUTES ?= 60
+
 soak: .venv/.stamp ## an hour of every public call with ever new scenes: memory, compilations, threads and handles stay bounded
-	$(FAULT_SCRIPT)/soak.py && $(FAULT_SCRIPT)/report.py
+	$(FAULT_SCRIPT)/soak.py --minutes $(SOAK_MINUTES) && $(FAULT_SCRIPT)/report.py
 
 test-server: .venv/.stamp ## an hour of attacks on the play server, with a player who notices nothing
 	$(FAULT_SCRIPT)/server.py && $(FAULT_SCRIPT)/report.py
