@@ -11,6 +11,7 @@ it, and if Ctrl-C means KeyboardInterrupt: whoever handles it in his own way is 
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -35,6 +36,7 @@ class _State:
     """What this process watches, and the interrupt that nobody has handled yet."""
 
     sender: socket.socket | None = None
+    reader: threading.Thread | None = None
     place: _Place | None = None  # where the main thread stands, with an interrupt that it cannot handle
 
 
@@ -48,7 +50,8 @@ def watch() -> None:
     if _state.sender is None:
         receiver, _state.sender = socket.socketpair()
         _state.sender.setblocking(False)
-        threading.Thread(target=_read, args=(receiver,), name="iphyre_jax_interrupts", daemon=True).start()
+        _state.reader = threading.Thread(target=_read, args=(receiver,), name="iphyre_jax_interrupts", daemon=True)
+        _state.reader.start()
     own = _state.sender.fileno()
     before = signal.set_wakeup_fd(own, warn_on_full_buffer=False)
     if before not in (-1, own):
@@ -75,16 +78,18 @@ def as_interrupts() -> Iterator[None]:
 
 
 def _read(receiver: socket.socket) -> None:
-    while numbers := receiver.recv(64):
-        if signal.SIGINT not in numbers or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-            continue
-        place = _main_place()
-        time.sleep(UNSEEN)
-        if place is not None and place == _main_place():
-            _state.place = place
-            while _state.place is not None and place == _main_place():
-                time.sleep(LOOK_EVERY)
-            _state.place = None
+    """Look after each interrupt whether the main thread handles it; ends when the sender is closed."""
+    with receiver:
+        while numbers := receiver.recv(64):
+            if signal.SIGINT not in numbers or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+                continue
+            place = _main_place()
+            time.sleep(UNSEEN)
+            if place is not None and place == _main_place():
+                _state.place = place
+                while _state.place is not None and place == _main_place():
+                    time.sleep(LOOK_EVERY)
+                _state.place = None
 
 
 def _main_place() -> _Place | None:
@@ -94,11 +99,21 @@ def _main_place() -> _Place | None:
 
 
 def _forget() -> None:
-    """In a forked child: leave the file to the parent."""
+    """Watch no more; in a forked child, the parent does."""
     if _state.sender is not None:
-        with contextlib.suppress(ValueError):  # forked in another thread
-            signal.set_wakeup_fd(-1)
+        with contextlib.suppress(ValueError):  # forked in another thread: the file stays in use
+            if (current := signal.set_wakeup_fd(-1)) not in (-1, _state.sender.fileno()):
+                signal.set_wakeup_fd(current)
+            _state.sender.close()
         _state.sender, _state.place = None, None
+
+
+@atexit.register
+def _end() -> None:
+    """Close both ends, so that Python has nothing to warn of when it ends."""
+    _forget()
+    if _state.reader is not None:
+        _state.reader.join(UNSEEN)
 
 
 if hasattr(os, "register_at_fork"):
