@@ -29,6 +29,7 @@ BOUNDED_BY_NATURE = {
     "best_plays": "no arguments",
     "figures": "no arguments",
     "paper_numbers": "no arguments",
+    "shared_simulator": "no arguments",
 }
 
 
