@@ -12,7 +12,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -47,7 +47,7 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
 # Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
-FAULTS := attempts kill damage disk_full hostile_files arguments
+FAULTS := attempts kill damage disk_full hostile_files arguments extreme_scenes
 FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
 
 test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour
@@ -70,7 +70,6 @@ test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
 
-.PHONY: test-extremes
 test-extremes: .venv/.stamp ## scenes of extreme geometry at both rates, in both number types: finite or at fault, neighbours untouched
 	PYTHONPATH=. $(PY) tests/robustness/extreme_scenes.py
 

@@ -18,7 +18,7 @@ INTRODUCTION = """# Faults
 Written by `make test-faults`, `make soak` and `make test-server`, whose scripts are in `tests/robustness/`. *Tried* is
 the number of faults, *survived* of those after which all was as promised, *lost* of things that were told to be safe
 and are gone. Each row names the commit that it was measured on.
-[Limits](../reference/limits.md) says what is not promised."""
+[Threat model](../reference/threat-model.md) says what is promised and what is not."""
 
 
 def row(found: Mapping[str, Any]) -> list[str]:
