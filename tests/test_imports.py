@@ -35,6 +35,7 @@ PARTS = (
     "envs",
     "env",
     "adapters",
+    "gym",
     "compat",
     "train",
     "viewer",

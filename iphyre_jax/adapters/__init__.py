@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from iphyre_jax.adapters.brax_env import BraxEnv, mend_brax
     from iphyre_jax.adapters.five_values import FiveValues
-    from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv, register_gymnasium
+    from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv
+    from iphyre_jax.adapters.gymnasium_ids import register_gymnasium
     from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
 
 __all__ = ["BraxEnv", "FiveValues", "GymnasiumEnv", "GymnasiumVectorEnv", "mend_brax", "register_gymnasium"]
@@ -18,7 +19,7 @@ _HOME = {
     "GymnasiumEnv": ("gymnasium_env", "gymnasium"),
     "GymnasiumVectorEnv": ("gymnasium_vector", "gymnasium"),
     "mend_brax": ("brax_env", "brax"),
-    "register_gymnasium": ("gymnasium_env", "gymnasium"),
+    "register_gymnasium": ("gymnasium_ids", "gymnasium"),
 }
 
 
