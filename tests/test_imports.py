@@ -45,7 +45,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "cli"}
-ADAPTED = {"gymnasium", "brax"}
+ADAPTED = {"gymnasium", "brax", "gymnax"}
 
 
 def modules() -> list[tuple[str, Path]]:

@@ -9,8 +9,18 @@ if TYPE_CHECKING:
     from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv
     from iphyre_jax.adapters.gymnasium_ids import register_gymnasium
     from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
+    from iphyre_jax.adapters.gymnax_env import GymnaxEnv, register_gymnax
 
-__all__ = ["BraxEnv", "FiveValues", "GymnasiumEnv", "GymnasiumVectorEnv", "mend_brax", "register_gymnasium"]
+__all__ = [
+    "BraxEnv",
+    "FiveValues",
+    "GymnasiumEnv",
+    "GymnasiumVectorEnv",
+    "GymnaxEnv",
+    "mend_brax",
+    "register_gymnasium",
+    "register_gymnax",
+]
 
 # Name: its module, and the extra that it needs.
 _HOME = {
@@ -18,8 +28,10 @@ _HOME = {
     "FiveValues": ("five_values", None),
     "GymnasiumEnv": ("gymnasium_env", "gymnasium"),
     "GymnasiumVectorEnv": ("gymnasium_vector", "gymnasium"),
+    "GymnaxEnv": ("gymnax_env", None),
     "mend_brax": ("brax_env", "brax"),
     "register_gymnasium": ("gymnasium_ids", "gymnasium"),
+    "register_gymnax": ("gymnax_env", None),
 }
 
 

@@ -1,0 +1,141 @@
+"""The environments as those of gymnax: its spaces, its parameters, its registry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+import jax
+
+from iphyre_jax.envs import Discrete, Environment, EnvParams, EnvState, environment_ids, make
+from iphyre_jax.envs.core import Info
+from iphyre_jax.envs.spaces import Space
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class GymnaxParams(EnvParams):
+    """Games, and the length of an episode that trainers look for in the parameters.
+
+    Attributes:
+        params: the games.
+        max_steps_in_episode: the most decisions of an episode. It follows from the strategy; another number changes
+            no rule.
+    """
+
+    params: EnvParams
+    max_steps_in_episode: int = field(metadata={"static": True})
+
+    @property
+    def topology_id(self) -> jax.Array:
+        """Topology of each game, (games,) int32."""
+        return self.params.topology_id
+
+
+@dataclass(frozen=True, eq=False)
+class GymnaxView:
+    """What the adapters of gymnax's trainers share. Where gymnax is installed, the spaces are its own.
+
+    Attributes:
+        env: the environment; those trainers expect autoreset.
+        default_params: for `reset` and `step` without parameters; a `GymnaxParams`, whatever was given.
+    """
+
+    env: Environment
+    default_params: EnvParams
+
+    def __post_init__(self) -> None:
+        """Add the length of an episode to the parameters."""
+        params = GymnaxParams(games_of(self.default_params), self.env.strategy.decisions)
+        object.__setattr__(self, "default_params", params)
+
+    @property
+    def name(self) -> str:
+        """The id of the environment."""
+        return self.env.name
+
+    @property
+    def num_actions(self) -> int:
+        """Number of actions of a discrete strategy, length of an action of the others."""
+        return self.env.num_actions
+
+    def reset(self, key: jax.Array, params: EnvParams | None = None) -> tuple[jax.Array, EnvState]:
+        """Begin an episode; see `Environment.reset`."""
+        return self.env.reset(key, games_of(params or self.default_params))
+
+    def action_space(self, params: EnvParams | None = None) -> Any:  # noqa: ANN401 - gymnax's or our own
+        """Return the space of actions."""
+        return _gymnax_space(self.env.action_space(params))
+
+    def observation_space(self, params: EnvParams | None = None) -> Any:  # noqa: ANN401
+        """Return the space of observations."""
+        return _gymnax_space(self.env.observation_space(params))
+
+
+class GymnaxEnv(GymnaxView):
+    """An environment with the six values of gymnax from 1.0 on; its wrappers want final_observation=True in `make`."""
+
+    def step(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams | None = None
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
+        """Play one decision; see `Environment.step`."""
+        given = games_of(params or self.default_params)
+        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
+        info = info | {"terminated": terminated, "truncated": truncated}
+        return obs, state, reward, terminated, truncated, info
+
+
+def games_of(params: EnvParams) -> EnvParams:
+    """Return the games of parameters, without what trainers want beside them."""
+    return params.params if isinstance(params, GymnaxParams) else params
+
+
+def _gymnax_space(space: Space) -> Any:  # noqa: ANN401
+    """Return the space as gymnax's class, which its wrappers and rejax ask for; our own if gymnax is missing."""
+    try:
+        spaces = import_module("gymnax.environments.spaces")
+    except ModuleNotFoundError:
+        return space
+    if isinstance(space, Discrete):
+        return spaces.Discrete(space.n)
+    return spaces.Box(space.low, space.high, space.shape, jax.numpy.dtype(space.dtype))
+
+
+def register_gymnax() -> tuple[str, ...]:
+    """Register every id with gymnax, and return the names.
+
+    `gymnax.make("iphyre/on-the-fly-hole-v1")` returns a `GymnaxEnv`, whose step has gymnax's six values, with
+    `final_observation`; `gymnax.make("iphyre-five/on-the-fly-hole-v1")` a `FiveValues`, for trainers written before
+    gymnax 1.0. Both come with their parameters and take the arguments of `iphyre_jax.make`. Names that are already
+    registered stay.
+
+    Raises:
+        ImportError: gymnax is missing or older than 1.0; one line.
+    """
+    try:
+        registration = import_module("gymnax.registration")
+        registered, register = registration.registered_envs, registration.register
+    except (ModuleNotFoundError, AttributeError):
+        raise ImportError(
+            "register_gymnax needs the extra 'gymnax' (gymnax 1.0 is missing): pip install 'iphyre-jax[gymnax]'"
+        ) from None
+    names = []
+    for own in environment_ids():
+        for prefix, factory in (("iphyre", _six_values), ("iphyre-five", _five_values)):
+            name = f"{prefix}/{own.replace('/', '-')}"
+            names.append(name)
+            if name not in registered:
+                register(name, partial(factory, own))
+    return tuple(names)
+
+
+def _six_values(own: str, **options: Any) -> GymnaxEnv:  # noqa: ANN401
+    return GymnaxEnv(*make(own, **({"final_observation": True} | options)))
+
+
+def _five_values(own: str, **options: Any) -> GymnaxView:  # noqa: ANN401
+    from iphyre_jax.adapters.five_values import FiveValues
+
+    return FiveValues(*make(own, **options))
