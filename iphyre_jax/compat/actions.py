@@ -9,10 +9,11 @@ from itertools import count, islice
 
 import numpy as np
 
+from iphyre_jax.compat.games import scene_of
 from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import Score, pack_timing, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 
 FPS = 60
@@ -57,7 +58,7 @@ def generate_actions(
         ValueError: one line naming the argument and what was expected.
         RuntimeError: a world has a fault; one line.
     """
-    scene = load_scene(game)
+    scene = scene_of(game)
     instants = _instants(scene, interval, max_game_time, max_action_time, max_step)
     plans = _draw(instants, len(scene.eliminable_blocks), max_step, seed, epsilon)
     succeeded: list[Action] = []
