@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv
     from iphyre_jax.adapters.gymnasium_ids import register_gymnasium
     from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
-    from iphyre_jax.adapters.gymnax_env import GymnaxEnv, register_gymnax
+    from iphyre_jax.adapters.gymnax_env import GymnaxEnv
+    from iphyre_jax.adapters.gymnax_ids import register_gymnax
 
 __all__ = [
     "BraxEnv",
@@ -31,7 +32,7 @@ _HOME = {
     "GymnaxEnv": ("gymnax_env", None),
     "mend_brax": ("brax_env", "brax"),
     "register_gymnasium": ("gymnasium_ids", "gymnasium"),
-    "register_gymnax": ("gymnax_env", None),
+    "register_gymnax": ("gymnax_ids", None),
 }
 
 

@@ -1,15 +1,14 @@
-"""The environments as those of gymnax: its spaces, its parameters, its registry."""
+"""The environments as those of gymnax: its spaces, its parameters, its steps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import partial
 from importlib import import_module
 from typing import Any
 
 import jax
 
-from iphyre_jax.envs import Discrete, Environment, EnvParams, EnvState, environment_ids, make
+from iphyre_jax.envs import Discrete, Environment, EnvParams, EnvState
 from iphyre_jax.envs.core import Info
 from iphyre_jax.envs.spaces import Space
 
@@ -101,41 +100,3 @@ def _gymnax_space(space: Space) -> Any:  # noqa: ANN401
     if isinstance(space, Discrete):
         return spaces.Discrete(space.n)
     return spaces.Box(space.low, space.high, space.shape, jax.numpy.dtype(space.dtype))
-
-
-def register_gymnax() -> tuple[str, ...]:
-    """Register every id with gymnax, and return the names.
-
-    `gymnax.make("iphyre/on-the-fly-hole-v1")` returns a `GymnaxEnv`, whose step has gymnax's six values, with
-    `final_observation`; `gymnax.make("iphyre-five/on-the-fly-hole-v1")` a `FiveValues`, for trainers written before
-    gymnax 1.0. Both come with their parameters and take the arguments of `iphyre_jax.make`. Names that are already
-    registered stay.
-
-    Raises:
-        ImportError: gymnax is missing or older than 1.0; one line.
-    """
-    try:
-        registration = import_module("gymnax.registration")
-        registered, register = registration.registered_envs, registration.register
-    except (ModuleNotFoundError, AttributeError):
-        raise ImportError(
-            "register_gymnax needs the extra 'gymnax' (gymnax 1.0 is missing): pip install 'iphyre-jax[gymnax]'"
-        ) from None
-    names = []
-    for own in environment_ids():
-        for prefix, factory in (("iphyre", _six_values), ("iphyre-five", _five_values)):
-            name = f"{prefix}/{own.replace('/', '-')}"
-            names.append(name)
-            if name not in registered:
-                register(name, partial(factory, own))
-    return tuple(names)
-
-
-def _six_values(own: str, **options: Any) -> GymnaxEnv:  # noqa: ANN401
-    return GymnaxEnv(*make(own, **({"final_observation": True} | options)))
-
-
-def _five_values(own: str, **options: Any) -> GymnaxView:  # noqa: ANN401
-    from iphyre_jax.adapters.five_values import FiveValues
-
-    return FiveValues(*make(own, **options))
