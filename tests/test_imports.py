@@ -36,6 +36,7 @@ PARTS = (
     "envs",
     "env",
     "adapters",
+    "gym",
     "compat",
     "train",
     "viewer",
@@ -45,7 +46,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "cli"}
-ADAPTED = {"gymnasium", "brax"}
+ADAPTED = {"gymnasium", "brax", "gymnax"}
 
 
 def modules() -> list[tuple[str, Path]]:

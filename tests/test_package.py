@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = {"train", "parity", "tensorboard", "brax", "gymnasium", "viewer", "dev", "docs", "all", "browser"}
+EXTRAS = {"train", "parity", "tensorboard", "brax", "gymnasium", "gymnax", "viewer", "dev", "docs", "all", "browser"}
 TARGETS = ("help", "venv", "run", "test", "test-fast", "lint", "parity", "wheel", "bench")
 
 

@@ -6,10 +6,22 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from iphyre_jax.adapters.brax_env import BraxEnv, mend_brax
     from iphyre_jax.adapters.five_values import FiveValues
-    from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv, register_gymnasium
+    from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv
+    from iphyre_jax.adapters.gymnasium_ids import register_gymnasium
     from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
+    from iphyre_jax.adapters.gymnax_env import GymnaxEnv
+    from iphyre_jax.adapters.gymnax_ids import register_gymnax
 
-__all__ = ["BraxEnv", "FiveValues", "GymnasiumEnv", "GymnasiumVectorEnv", "mend_brax", "register_gymnasium"]
+__all__ = [
+    "BraxEnv",
+    "FiveValues",
+    "GymnasiumEnv",
+    "GymnasiumVectorEnv",
+    "GymnaxEnv",
+    "mend_brax",
+    "register_gymnasium",
+    "register_gymnax",
+]
 
 # Name: its module, and the extra that it needs.
 _HOME = {
@@ -17,8 +29,10 @@ _HOME = {
     "FiveValues": ("five_values", None),
     "GymnasiumEnv": ("gymnasium_env", "gymnasium"),
     "GymnasiumVectorEnv": ("gymnasium_vector", "gymnasium"),
+    "GymnaxEnv": ("gymnax_env", None),
     "mend_brax": ("brax_env", "brax"),
-    "register_gymnasium": ("gymnasium_env", "gymnasium"),
+    "register_gymnasium": ("gymnasium_ids", "gymnasium"),
+    "register_gymnax": ("gymnax_ids", None),
 }
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
-from iphyre_jax.envs import EnvParams, EnvState, environment_ids, make
+from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.spaces import Discrete, Space
 from iphyre_jax.execution.forks import check_fork
@@ -61,8 +63,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium declares it so
 
     def __init__(self, id: str, *, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
-        if render_mode is not None and (not isinstance(render_mode, str) or render_mode != "rgb_array"):
-            raise ValueError(f'render_mode: expected "rgb_array" or None, got {show(render_mode)}')
+        check_render_mode(render_mode)
         if "autoreset" in options:
             raise ValueError("autoreset: expected none, because the user resets a gymnasium.Env")
         self.env, self.params = make(id, autoreset=False, **options)
@@ -70,7 +71,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation_space = space_of(self.env.observation_space())
         self.action_space = space_of(self.env.action_space())
         self._x64 = self.env.dtype == "float64"
-        self._single_game = cache(partial(self.env.single_game, self.params))  # so that only played games compile
+        self._games: dict[int, tuple[Environment, EnvParams]] = {}  # those played, so that no others compile
         self._game = 0  # row of the parameters
         self._state: EnvState | None = None
 
@@ -95,7 +96,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         game = (options or {}).get("game")
         with jax.enable_x64(self._x64):
             drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # like the environment
-            self._game = int(drawn) if game is None else self._row(game)
+            self._game = int(drawn) if game is None else game_row(self.env, game)
             env, params = self._single_game(self._game)
             obs, self._state = env.reset_to(np.int32(0), params)
             return np.asarray(obs), self._info(False, False)
@@ -140,17 +141,51 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             "official_truncated": truncated,
         }
 
-    def _row(self, game: object) -> int:
-        if isinstance(game, str) and game in self.env.games:
-            return self.env.games.index(game)
-        if isinstance(game, int | np.integer) and not isinstance(game, bool) and 0 <= game < len(self.env.games):
-            return int(game)
-        raise ValueError(f"options: expected a game of {self.env.name} by name or number, got {show(game)}")
+    def _single_game(self, game: int) -> tuple[Environment, EnvParams]:
+        if game not in self._games:
+            self._games[game] = self.env.single_game(self.params, game)
+        return self._games[game]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return on_host(self.__dict__ | {"_games": {}}, ("params", "_state"))
+
+    def __setstate__(self, content: dict[str, Any]) -> None:
+        self.__dict__.update(on_device(content, ("params", "_state"), content["_x64"]))
 
 
 def checked_seed(seed: object) -> int | None:
     """Return a seed as an int, or None; ValueError in one line unless it is one or the other."""
     return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
+
+
+def check_render_mode(render_mode: object) -> None:
+    """Raise ValueError, one line, for a render mode that the environments lack."""
+    if render_mode is not None and (not isinstance(render_mode, str) or render_mode != "rgb_array"):
+        raise ValueError(f'render_mode: expected "rgb_array" or None, got {show(render_mode)}')
+
+
+def game_row(env: Environment, game: object) -> int:
+    """Return the row of the parameters of a game given by name or number.
+
+    Raises:
+        ValueError: it is not a game of the environment; one line.
+    """
+    if isinstance(game, str) and game in env.games:
+        return env.games.index(game)
+    if isinstance(game, int | np.integer) and not isinstance(game, bool) and 0 <= game < len(env.games):
+        return int(game)
+    raise ValueError(f"options: expected a game of {env.name} by name or number, got {show(game)}")
+
+
+def on_host(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return attributes, some of them as NumPy arrays: loaded without x64, JAX's 64-bit arrays would lose half."""
+    return content | {name: jax.tree.map(np.asarray, content[name]) for name in names}
+
+
+def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[str, Any]:
+    """Return attributes from `on_host` as they were."""
+    with jax.enable_x64(x64):
+        return content | {name: jax.tree.map(jnp.asarray, content[name]) for name in names}
 
 
 @partial(jax.jit, static_argnums=0)
@@ -181,24 +216,3 @@ def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDA
     if not ((array >= space.low) & (array <= space.high)).all():
         raise ValueError(f"action: expected numbers from {space.low:g} to {space.high:g}, got one outside or NaN")
     return array.astype(space.dtype)
-
-
-def register_gymnasium() -> tuple[str, ...]:
-    """Register every id with gymnasium, "in-advance/basic-v1" as "iphyre/in-advance-basic-v1", and return the names.
-
-    `gymnasium.make` then returns a `GymnasiumEnv`, `gymnasium.make_vec` a `GymnasiumVectorEnv`. Names that are already
-    registered stay.
-    """
-    names = []
-    for own in environment_ids():
-        name = f"iphyre/{own.replace('/', '-')}"
-        names.append(name)
-        if name not in gymnasium.registry:
-            gymnasium.register(
-                name,
-                entry_point="iphyre_jax.adapters.gymnasium_env:GymnasiumEnv",
-                vector_entry_point="iphyre_jax.adapters.gymnasium_vector:GymnasiumVectorEnv",
-                kwargs={"id": own},
-                order_enforce=True,
-            )
-    return tuple(names)

@@ -10,10 +10,11 @@ from itertools import count, islice
 import numpy as np
 
 from iphyre_jax.checks import check_least, check_positive, check_whole
+from iphyre_jax.compat.games import scene_of
 from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import Score, pack_timing, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 from iphyre_jax.scenes.limits import MOST_OBJECTS
 
@@ -66,7 +67,7 @@ def generate_actions(
             a kind that is wanted.
         RuntimeError: a world has a fault; one line.
     """
-    scene = load_scene(game)
+    scene = scene_of(game)
     for name, wanted in (("num_succeed", num_succeed), ("num_fail", num_fail)):
         check_whole(name, wanted, 0, MOST_PLANS)
     check_whole("seed", seed, 0, 2**32 - 1)

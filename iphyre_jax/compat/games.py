@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from copy import deepcopy
 from typing import Any, Final
 
+import numpy as np
+
 from iphyre_jax.scenes import GAMES as _GAMES
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, load_scene, scene_to_dict
+from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, Scene, load_scene, scene_to_dict
+from iphyre_jax.scenes.codec import scene_from_fields
 
 GAMES: Final = list(_GAMES)
 MAX_OBJ_NUM: Final = MAX_OBJECTS
@@ -20,3 +25,17 @@ def _parameters(game: str) -> dict[str, Any]:
 
 
 PARAS: Final = {game: _parameters(game) for games in SPLITS.values() for game in games}
+_SHIPPED: Final = deepcopy(PARAS)
+
+
+def scene_of(game: str | os.PathLike[str] | Scene) -> Scene:
+    """Return the scene of a game: what `PARAS` says, which users may add to or change, else as `load_scene` does.
+
+    Raises:
+        ValueError: no such game, or its parameters are wrong; one line for each.
+        OSError: a scene file cannot be read.
+    """
+    if not isinstance(game, str) or game not in PARAS or PARAS[game] == _SHIPPED.get(game):
+        return load_scene(game)
+    fields = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in PARAS[game].items()}
+    return scene_from_fields({"name": game, **fields}, f"PARAS[{game!r}]")

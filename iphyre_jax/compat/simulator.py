@@ -13,24 +13,29 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import check_flag, check_fps, is_list, show
 from iphyre_jax.compat import data
-from iphyre_jax.compat.picture import picture
+from iphyre_jax.compat.games import scene_of
+from iphyre_jax.compat.objects import Objects, position_of
+from iphyre_jax.compat.picture import SIZE, picture
 from iphyre_jax.compat.world import SteppedWorld
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import Scene
 
 Click = Sequence[float]  # x, y, t: px and s
 
 
-class IPHYRE:
+class IPHYRE(Objects):
     """One game.
 
     The calls and their results are those of the official class; positions may be lists, tuples or arrays. As there,
     `reset` empties and refills one space, which changes the order of contacts from reset to reset.
 
+    Attributes are the official ones, except those that hold pymunk's or pygame's objects: they raise an AttributeError
+    that says so.
+
     Args:
-        game: a game's name, or, beyond the official class, a scene file or a Scene.
+        game: a game's name, also one that was added to `PARAS`, or, beyond the official class, a scene file or a Scene.
         fps: physics steps a second, 0.001 to 100,000.
 
     Raises:
@@ -39,7 +44,7 @@ class IPHYRE:
 
     def __init__(self, game: str | os.PathLike[str] | Scene = "support", fps: float = 60) -> None:
         check_fps(fps)
-        self.scene = load_scene(game)
+        self.scene = scene_of(game)
         self.game = self.scene.name
         self.FPS = fps
         self.timestep = 1 / float(fps)
@@ -48,6 +53,7 @@ class IPHYRE:
         self.step_reward, self.eli_reward, self.success_reward = -self.timestep, -10, 1000
         self.blocks, self.balls = self.scene.blocks.tolist(), self.scene.balls.tolist()
         self.num_obj, self.num_ball = self.scene.n_objects, self.scene.n_balls
+        self.HEIGHT, self.WIDTH, self.screen = SIZE, SIZE, None
         self._resets = 0
         self._world: SteppedWorld | None = None
 
@@ -76,7 +82,7 @@ class IPHYRE:
             ValueError: pos is not a position, or `reset` was not called; one line.
         """
         check_flag("use_images", use_images)
-        x, y = _position(pos)
+        x, y = position_of(pos)
         hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
         if hit is not None:
             self._started.remove(hit)
@@ -133,17 +139,17 @@ class IPHYRE:
 
     def play(self) -> NoReturn:
         """Raise NotImplementedError: the official class opens a window; use `step` and `picture`."""
-        raise _no_window("play", "step and picture")
+        raise no_window("play", "step and picture")
 
     def simulate_vis(self, action: Sequence[Click] = ()) -> NoReturn:
         """Raise NotImplementedError: the official class opens a window; use `collect_seq_data` for the pictures."""
-        raise _no_window("simulate_vis", "simulate for the result and collect_seq_data for its pictures")
+        raise no_window("simulate_vis", "simulate for the result and collect_seq_data for its pictures")
 
     def collect_while_play(
         self, player_name: str = "", max_episode: int = 5, save_path: str = "./player_data.json"
     ) -> NoReturn:
         """Raise NotImplementedError: the official class opens a window; use `step`."""
-        raise _no_window("collect_while_play", "step, and save its actions and rewards")
+        raise no_window("collect_while_play", "step, and save its actions and rewards")
 
     def picture(self) -> npt.NDArray[np.uint8]:
         """Return the picture of the world, (600, 600, 3) uint8 in red, green, blue."""
@@ -194,40 +200,13 @@ class IPHYRE:
         made, solved = self._started.run(until - since)
         return since + made, solved
 
-    @property
-    def _started(self) -> SteppedWorld:
-        if self._world is None:
-            raise ValueError(f"{self.game}: expected a call of reset first")
-        return self._world
-
     def _observation(self, use_images: bool) -> npt.NDArray[Any]:
         return self.picture()[:, :, ::-1] if use_images else self.get_all_property()
 
-    def _hit(self, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:
-        """Return the first block that a click removes: it is eliminable, and within its ends and 10 px of its axis."""
-        for block in self.scene.eliminable_blocks:
-            first, last = self.scene.blocks[block]
-            axis = (first - last) / np.linalg.norm(first - last)
-            away = np.array([x, y]) - self._started.features.position[block]
-            along, across = away @ axis, away[0] * axis[1] - away[1] * axis[0]
-            if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
-                return block
-        return None
 
-
-def _no_window(name: str, instead: str) -> NotImplementedError:
+def no_window(name: str, instead: str) -> NotImplementedError:
+    """Return the error of a call that opens a window."""
     return NotImplementedError(f"{name}: expected a window, which iphyre_jax.compat does not open; use {instead}")
-
-
-def _position(pos: object) -> tuple[float, float]:
-    """Return a click's x and y."""
-    try:
-        x, y = (float(part) for part in pos)  # type: ignore[attr-defined]
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"pos: expected a position x, y in px, got {show(pos)}") from None
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(f"pos: expected finite numbers, got {x!r}, {y!r}")
-    return x, y
 
 
 def _click(click: object) -> tuple[float, float, float]:

@@ -36,12 +36,13 @@ def environment_ids() -> tuple[str, ...]:
     return tuple(f"{strategy}/{games}" for strategy in STRATEGIES for games in _known())
 
 
-def register(name: str, scenes: Sequence[SceneLike]) -> None:
-    """Name a set of your own games, for all three strategies.
+def register(name: str, scenes: Sequence[SceneLike], *, overwrite: bool = False) -> None:
+    """Name a set of your own games, for all three strategies; the same set may take its name again.
 
     Args:
         name: with a version, as "mine-v1", which makes "in-advance/mine-v1" and so on.
         scenes: names, files or scenes; read when the environment is made.
+        overwrite: whether a name of your own may get other scenes; environments made before keep theirs.
 
     Raises:
         ValueError: the name has another form or is taken, or there are no scenes; one line.
@@ -50,10 +51,11 @@ def register(name: str, scenes: Sequence[SceneLike]) -> None:
     form = stem and version.isdecimal() and "/" not in stem and name.isprintable() and len(name) <= _MAX_ID
     if not form:
         raise ValueError(f'name: expected the form "mine-v1", of at most {_MAX_ID} characters, got {show(name)}')
-    if name in _known():
-        raise ValueError(f"name: expected a free name, but {name} is registered")
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not scenes:
         raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
+    if name in _known() and not (name in _REGISTERED and (overwrite or _REGISTERED[name] == tuple(scenes))):
+        hint = "with other scenes; say overwrite=True to replace them" if name in _REGISTERED else "by this package"
+        raise ValueError(f"name: expected a free name, but {name} is registered {hint}")
     _REGISTERED[name] = tuple(scenes)
 
 

@@ -272,3 +272,18 @@ def test_ids_cover_the_games_and_splits() -> None:
     ids = set(iphyre_jax.environment_ids())
     assert {f"{s}/{g}-v1" for s in ("in-advance", "on-the-fly", "combined") for g in ("basic", "all", "hole")} <= ids
     assert environment()[0].params_of([load_scene("hole")]).games == 1
+
+
+def test_a_name_may_be_registered_again() -> None:
+    """A notebook cell that is run again; another meaning only if it is asked for."""
+    for _ in range(2):
+        builder = iphyre_jax.SceneBuilder("own")
+        builder.block((200, 500), (300, 500), eliminable=True)
+        builder.ball((250, 340), radius=20)
+        iphyre_jax.register("again-v1", ["support", builder.build()])
+    with pytest.raises(ValueError, match=r"^name: expected a free name, but again-v1 is .* say overwrite=True"):
+        iphyre_jax.register("again-v1", ["hole"])
+    iphyre_jax.register("again-v1", ["hole"], overwrite=True)
+    assert iphyre_jax.make("on-the-fly/again-v1")[0].games == ("hole",)
+    with pytest.raises(ValueError, match=r"^name: expected a free name, but hole-v1 is registered by this package$"):
+        iphyre_jax.register("hole-v1", ["support"], overwrite=True)

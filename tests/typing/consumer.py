@@ -17,7 +17,14 @@ from rich.console import Console
 
 import iphyre_jax
 from iphyre_jax import Configuration, Environment, EnvParams, EnvState, Limits, Scene, SceneBuilder, Scores, Simulation
-from iphyre_jax.adapters import FiveValues, GymnasiumEnv, GymnasiumVectorEnv, register_gymnasium
+from iphyre_jax.adapters import (
+    FiveValues,
+    GymnasiumEnv,
+    GymnasiumVectorEnv,
+    GymnaxEnv,
+    register_gymnasium,
+    register_gymnax,
+)
 from iphyre_jax.compat import GAMES, IPHYRE, MAX_ELI_OBJ_NUM, MAX_OBJ_NUM, generate_actions
 from iphyre_jax.envs import Batch, Box, Discrete, Steps, unroll
 from iphyre_jax.physics import Timing, Topology, World
@@ -94,6 +101,8 @@ def adapters() -> None:
     assert_type(GymnasiumEnv("in-advance/hole-v1"), GymnasiumEnv)
     assert_type(GymnasiumVectorEnv("in-advance/hole-v1", 4), GymnasiumVectorEnv)
     assert_type(FiveValues(*iphyre_jax.make("in-advance/hole-v1")), FiveValues)
+    assert_type(GymnaxEnv(*iphyre_jax.make("in-advance/hole-v1")), GymnaxEnv)
+    assert_type(register_gymnax(), tuple[str, ...])
 
 
 def official_names() -> None:
