@@ -51,13 +51,13 @@ class FailingDisk:
                 self._write(path)
 
     def _on_fsync(self, handle: int) -> None:
-        self._write(f"handle {handle}")
+        self._write()
         self._fsync(handle)
 
-    def _write(self, path: str) -> None:
+    def _write(self, *path: str) -> None:
         self.writes += 1
         if self._from is not None and self.writes > self._from:
-            raise OSError(self._code, os.strerror(self._code), path)
+            raise OSError(self._code, os.strerror(self._code), *path)
 
 
 @contextmanager
