@@ -1,4 +1,4 @@
-"""Scenes at the edges of what is valid: finite or at fault, and without effect on others. See `extreme_scenes`."""
+"""Scenes at the edges of what is valid: finite or at fault, and without effect on others. `make test-extremes` plays them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from iphyre_jax import Scene
 from iphyre_jax.scenes.compile import compile_scene, topology_of
-from tests.robustness.extreme_scenes import DTYPES, RATES, complaints, pairs, piles
+from tests.robustness.extreme_scenes import pairs, piles
 
 
 @pytest.mark.parametrize("scenes", [pairs(), piles()], ids=["pairs", "piles"])
@@ -24,10 +24,3 @@ def test_what_has_no_length_is_no_scene() -> None:
     for blocks, balls in (([[[5, 5], [5, 5]]], [[50, 50, 9]]), ([[[5, 5], [9, 9]]], [[50, 50, 0]])):
         with pytest.raises(ValueError, match=r"expected (end points|a radius)[^\n]*at least 0\.001 px[^\n]*$"):
             Scene("none", blocks, balls, [0, 0], [0, 1])
-
-
-@pytest.mark.slow  # compiles a program for each number type
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("fps", RATES)
-def test_extreme_worlds_are_finite_or_at_fault_and_alone_with_it(dtype: str, fps: int) -> None:
-    assert complaints(pairs(), dtype, fps) == []
