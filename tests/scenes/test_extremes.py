@@ -1,4 +1,4 @@
-"""Scenes at the edges of what is valid: finite or at fault, and without effect on others. `make test-extremes` plays them."""
+"""Scenes at the edges of what is valid compile to finite numbers; `make test-extremes` plays them."""
 
 from __future__ import annotations
 
