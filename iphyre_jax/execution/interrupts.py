@@ -27,6 +27,7 @@ import jax
 
 LOOK_EVERY: Final = 0.02  # s between two looks at the main thread
 UNSEEN: Final = 0.1  # s; the main thread has handled a signal by then, unless it waits in a program
+LOOKS: Final = 10
 
 _Place = tuple[int, int]  # a frame, and the instruction in it
 
@@ -84,12 +85,20 @@ def _read(receiver: socket.socket) -> None:
             if signal.SIGINT not in numbers or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
                 continue
             place = _main_place()
-            time.sleep(UNSEEN)
-            if place is not None and place == _main_place():
+            if place is not None and _stays(place):
                 _state.place = place
                 while _state.place is not None and place == _main_place():
                     time.sleep(LOOK_EVERY)
                 _state.place = None
+
+
+def _stays(place: _Place) -> bool:
+    """Whether the main thread does not move; two looks alone would often meet a loop in the same place."""
+    for _ in range(LOOKS):
+        time.sleep(UNSEEN / LOOKS)
+        if _main_place() != place:
+            return False
+    return True
 
 
 def _main_place() -> _Place | None:
