@@ -23,8 +23,12 @@ played = iphyre_jax.simulate(scene, [[-1, -1, 20, 30], [3, -1, 9, -1]], fps=10)
 result = [played.success.tolist(), played.steps.tolist(), played.reward.tolist()]
 """
 START = "import jax.numpy\njax.numpy.zeros(1)\n"
-# Twenty sorts take longer to compile than the shortest compilation that is kept, on any machine.
-OWN = "import jax\njax.jit(lambda x: [x := jax.numpy.sort(x) @ x.T for _ in range(20)][-1])(jax.numpy.ones((64, 64)))\n"
+# A fast machine compiles it in less than the shortest time that is kept: here every program is.
+OWN = """
+import jax
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.jit(lambda x: jax.numpy.sort(x) @ x.T)(jax.numpy.ones((64, 64)))
+"""
 WATCH = 'with warnings.catch_warnings(record=True, action="always") as seen:\n    '
 COMMAND = """
 import contextlib, io
