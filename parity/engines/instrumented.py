@@ -58,14 +58,15 @@ def inject_state(layout: Layout, state: State, bodies: BodyState, last: StepView
     if last is None:
         return state
     rows, pins = len(last.pairs), len(layout.topology.pins)
-    cache = state.cache
-    cache = replace(
-        cache,
-        normal_impulse=cache.normal_impulse.at[0, :rows].set(last.impulses[:, 0]),
-        tangent_impulse=cache.tangent_impulse.at[0, :rows].set(last.impulses[:, 1]),
-    )
-    size = jnp.asarray(np.nan_to_num(last.constraint_impulses[:pins]))  # the reference shows no sign of a pin's impulse
-    return replace(state, cache=cache, pin_impulse=jnp.copysign(size, state.pin_impulse) if pins else state.pin_impulse)
+    # Changed as NumPy arrays: a scatter outside jit takes longer than the step.
+    normal, tangent = np.array(state.cache.normal_impulse), np.array(state.cache.tangent_impulse)
+    normal[0, :rows], tangent[0, :rows] = last.impulses[:, 0], last.impulses[:, 1]
+    cache = replace(state.cache, normal_impulse=jnp.asarray(normal), tangent_impulse=jnp.asarray(tangent))
+    state = replace(state, cache=cache)
+    if not pins:
+        return state
+    size = np.nan_to_num(last.constraint_impulses[:pins])  # the reference shows no sign of a pin's impulse
+    return replace(state, pin_impulse=jnp.asarray(np.copysign(size, np.asarray(state.pin_impulse))))
 
 
 class JaxWorld:

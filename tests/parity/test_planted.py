@@ -21,6 +21,8 @@ from parity.engines import instrumented, views
 from parity.plans import random_plans
 from parity.stages import Divergence, first_divergence
 
+pytestmark = pytest.mark.usefixtures("few_optimisations")
+
 
 def slop(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(solver, "SLOP", 0.11)
