@@ -28,6 +28,20 @@ def check_memory(name: str, needed: float, remedy: str) -> None:
         raise ValueError(f"{name}: {figures}; {remedy}")
 
 
+def check_start(needed: float) -> None:
+    """Refuse to start JAX where `ulimit -v` leaves too little: its libraries would abort the process without a line.
+
+    Args:
+        needed: bytes of address space.
+
+    Raises:
+        ValueError: less is left; one line with both figures.
+    """
+    if needed > (left := _of_process()):
+        figures = f"expected {_gigabytes(needed)} of address space for JAX to start, got {_gigabytes(max(0, left))}"
+        raise ValueError(f"ulimit -v: {figures}; allow at least 2 GB, and more on a machine of many cores")
+
+
 def available() -> int:
     """Return the bytes that this process may still take: of the machine, its control group and its own limit."""
     return max(0, min(_of_machine(), _of_control_group(), _of_process()))

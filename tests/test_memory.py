@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -57,3 +58,16 @@ def test_a_limit_of_the_process_counts() -> None:
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert 0 < int(done.stdout) < 3 * 10**9
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of address space is Linux's")
+def test_too_little_room_for_jax_to_start_gets_one_line() -> None:
+    """Without the check the libraries of JAX abort, with a trace of machine code and no exception."""
+    script = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (10**9,) * 2);"
+        "from iphyre_jax.cli.main import run; sys.exit(run(['simulate', 'hole']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    wanted = r"iphyre-jax: ulimit -v: expected 1.1 GB of address space for JAX to start, got 0\.\d+ GB; allow [^\n]+\n"
+    assert re.fullmatch(wanted, done.stderr)

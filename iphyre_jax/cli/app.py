@@ -22,6 +22,7 @@ from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
@@ -69,11 +70,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     Calls `configure` first, unless the environment variable IPHYRE_JAX_CONFIGURE is "off".
     """
     command = _without_old_spelling(_parse(list(sys.argv[1:] if arguments is None else arguments)))
-    if (
-        not isinstance(command, Games | scenes.SceneCommand)
-        and os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS
-    ):
-        configure()
+    if not isinstance(command, Games | scenes.SceneCommand):
+        if os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS:
+            configure()
+        check_fork()  # some commands use JAX before they play
     action = next(action for kind, action in SUBCOMMANDS.values() if isinstance(command, kind))
     return action(command, Console()) or 0
 

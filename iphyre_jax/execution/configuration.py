@@ -141,7 +141,7 @@ def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Pa
     return private_folder(Path(cache).expanduser())
 
 
-def _jax_has_started() -> bool:
+def jax_has_started() -> bool:
     """Return whether JAX has made its clients; the public way to ask would make them."""
     from jax._src import xla_bridge
 
@@ -152,7 +152,7 @@ def _set_devices(devices: int, problems: list[str]) -> None:
     """Set the number of CPU devices that JAX shows, unless XLA_FLAGS does."""
     if DEVICE_COUNT_FLAG in os.environ.get("XLA_FLAGS", ""):
         return
-    if not _jax_has_started():
+    if not jax_has_started():
         jax.config.update("jax_num_cpu_devices", devices)
     elif (have := len(jax.local_devices(backend="cpu"))) != devices:
         problems.append(f"JAX has started with {have} CPU device{'s' * (have > 1)} and keeps them, not {devices}")

@@ -1,9 +1,18 @@
-"""Forked children: threads and clients do not come along, so a child forked after use would wait for them forever."""
+"""What is checked before the package is used: that this is no forked child, and that JAX has room to start.
+
+Threads and clients do not come along into a forked child, so one forked after use would wait for them forever.
+"""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import Final
+
+from iphyre_jax.execution.configuration import jax_has_started
+from iphyre_jax.memory import check_start
+
+START_BYTES: Final = 1.1e9  # of address space that JAX and our client take, measured with 1 and 2 cores
 
 
 @dataclass
@@ -23,9 +32,12 @@ def check_fork() -> None:
 
     Raises:
         RuntimeError: the process was forked from one that had used the package; one line.
+        ValueError: JAX has not started, and `ulimit -v` leaves it too little; one line.
     """
     pid = os.getpid()
     if _use.pid is None:
+        if not jax_has_started():
+            check_start(START_BYTES)
         _use.pid = pid
     elif _use.pid != pid:
         raise RuntimeError(

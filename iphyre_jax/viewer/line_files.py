@@ -143,9 +143,7 @@ def _mend(file: int, path: Path, begin: bytes, is_whole: Callable[[bytes], bool]
     if is_line and not is_whole(tail) and tail.startswith(begin[: len(tail)]):
         os.ftruncate(file, size - len(tail))
         os.fsync(file)
-        text = (
-            f"{one_line(str(path))}: the last line was torn, so its {len(tail)} bytes were cut; it was never confirmed"
-        )
+        text = f"the last line was torn, so its {len(tail)} bytes were cut; it was never confirmed"
         warnings.warn(f"{one_line(str(path))}: {text}", RuntimeWarning, stacklevel=2)
     else:
         _write(file, b"\n")

@@ -37,13 +37,9 @@ def each_play(source: str | Path) -> Iterator[Play]:
         return
     if not isinstance(source, str | Path) or "\0" in str(source):
         raise ValueError(f"source: expected a file of plays, a run folder or {BEST}, got {show(source)}")
-    path, count = Path(source), 0
+    path = Path(source)
     _refuse_scene(str(source), path)
-    for play in _plays_of_run(path) if path.is_dir() else iter_plays(path):
-        count += 1
-        yield play
-    if not count:
-        raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
+    yield from _plays_of_run(path) if path.is_dir() else iter_plays(path, required=True)
 
 
 def _refuse_scene(source: str, path: Path) -> None:
@@ -77,6 +73,8 @@ def _plays_of_run(path: Path) -> list[Play]:
     games = evaluation.get("games")
     if not isinstance(settings, Mapping) or not isinstance(games, list):
         raise ValueError(f"{one_line(str(path))}: expected the settings of a run and an evaluation of its games")
+    if not games:
+        raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
     return [_greedy_play(game, settings, path, k) for k, game in enumerate(games)]
 
 

@@ -139,10 +139,14 @@ def read_plays(path: str | os.PathLike[str]) -> list[Play]:
     return list(iter_plays(path))
 
 
-def iter_plays(path: str | os.PathLike[str]) -> Iterator[Play]:
+def iter_plays(path: str | os.PathLike[str], *, required: bool = False) -> Iterator[Play]:
     """Yield the plays of a file, one line in memory at a time; errors are those of `read_plays`.
 
     Damaged lines are skipped, with one warning at the end. If all lines are damaged, the file is something else.
+
+    Args:
+        path: the file.
+        required: whether a file without a play is an error too, also if that is because its only line is torn.
     """
     name = one_line(str(path))
     if not Path(path).is_file():
@@ -162,6 +166,9 @@ def iter_plays(path: str | os.PathLike[str]) -> Iterator[Play]:
         read += 1
     if damaged.first is not None and not read:
         raise damaged.first
+    if required and not read:
+        why = f"; {damaged.describe()}" if damaged.count else ""
+        raise ValueError(f"{name}: expected at least one play, got none{why}")
     if damaged.count:
         warnings.warn(f"{name}: {damaged.describe()}", RuntimeWarning, stacklevel=2)
 

@@ -48,7 +48,7 @@ def test_a_file_cut_at_any_byte_loses_only_what_was_cut(file: Path) -> None:
             with pytest.warns(RuntimeWarning, match="the last line was torn") as caught:
                 open_plays(file)
             assert len(caught) == 1
-            assert str(file) in str(caught[0].message)
+            assert str(caught[0].message).count(str(file)) == 1
         open_plays(file)  # without a warning: it is mended
         append_play(file, numbered(3))
         assert numbers(file) == [*kept, 3]

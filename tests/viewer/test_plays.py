@@ -207,6 +207,10 @@ def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsy
     printed = capsys.readouterr()
     assert "975.65" in printed.out
     assert printed.err == f"iphyre-jax: RuntimeWarning: {file}: skipped 1 damaged line (2)\n"
+    file.write_bytes(b'{"schema": "iphyre')  # killed while the first line was written
+    assert run(["score", str(file)]) == 2
+    wanted = f"{file}: expected at least one play, got none; skipped 1 damaged line (1)"
+    assert capsys.readouterr().err == f"iphyre-jax: {wanted}\n"
 
 
 @pytest.mark.parametrize(

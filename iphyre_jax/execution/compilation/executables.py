@@ -9,9 +9,11 @@ from __future__ import annotations
 import sys
 import tempfile
 import threading
+import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -32,6 +34,8 @@ Run = Callable[..., Arrays]
 
 LOADED: Final = 96  # programs in memory, some 20 MB each; the least recently prepared goes first
 COST: Final = "steps may take 40 times as long"
+TELL_EVERY: Final = 60.0  # s of compilation, where there is no terminal
+SLOW: Final = "ten and more moving objects take minutes; configure(compile_timeout=...) sets a limit"
 
 _loaded: dict[Program, Run] = {}
 _in_flight: dict[Program, threading.Event] = {}
@@ -170,17 +174,35 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
     return cache_folder.entry_path(folder, key), key
 
 
-_shown = threading.local()
+@dataclass
+class _Progress(threading.local):
+    """What a thread has shown of its compilations."""
+
+    line: str = ""  # in the terminal
+    begun: float | None = None  # monotonic s
+    told: int = 0  # lines that stay
+
+
+_shown = _Progress()
 
 
 def _show(done: int, total: int) -> None:
-    """Show the progress of compilation in a line of the terminal, which `_clear` removes."""
-    if sys.stderr is not None and sys.stderr.isatty():
-        _shown.line = f"compiling {min(done + 1, total)} of {total} programs"
-        print(f"\r{_shown.line}", end="", file=sys.stderr, flush=True)
+    """Show the progress of compilation: in a line of the terminal, which `_clear` removes; else in a line a minute."""
+    if sys.stderr is None:
+        return
+    _shown.begun = time.monotonic() if _shown.begun is None else _shown.begun
+    seconds = time.monotonic() - _shown.begun
+    line = f"compiling {min(done + 1, total)} of {total} programs, {seconds:.0f} s"
+    if sys.stderr.isatty():
+        _shown.line = line
+        print(f"\r{line}", end="", file=sys.stderr, flush=True)
+    elif seconds >= TELL_EVERY * (_shown.told + 1):
+        _shown.told += 1
+        print(f"iphyre_jax: {line}; {SLOW}", file=sys.stderr, flush=True)
 
 
 def _clear() -> None:
-    if line := getattr(_shown, "line", ""):
-        print("\r" + " " * len(line) + "\r", end="", file=sys.stderr, flush=True)
-        _shown.line = ""
+    """Remove the line of the terminal, and begin anew."""
+    if _shown.line:
+        print("\r" + " " * len(_shown.line) + "\r", end="", file=sys.stderr, flush=True)
+    _shown.line, _shown.begun, _shown.told = "", None, 0

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -229,14 +230,33 @@ class Terminal(io.StringIO):
 
 
 def test_people_are_told_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a terminal alone, in one line that is gone afterwards."""
-    for terminal, expected in ((Terminal(), "\rcompiling 2 of 3 programs"), (io.StringIO(), "")):
+    """On a terminal at once, in one line that is gone afterwards."""
+    for terminal, expected in ((Terminal(), "\rcompiling 2 of 3 programs, 0 s"), (io.StringIO(), "")):
         monkeypatch.setattr(sys, "stderr", terminal)
         executables._show(1, 3)
         assert terminal.getvalue() == expected
         executables._clear()
         assert terminal.getvalue().rstrip(" \r") == expected.rstrip()
         assert terminal.getvalue() == "" or terminal.getvalue().endswith(" \r")
+
+
+def test_without_a_terminal_a_long_compilation_says_so_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, log = [1000.0], io.StringIO()
+    monkeypatch.setattr(executables, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(sys, "stderr", log)
+    for seconds in (0, 59, 60, 61, 119, 121):
+        clock[0] = 1000.0 + seconds
+        executables._show(0, 2)
+    executables._clear()
+    clock[0] += 59  # another compilation begins
+    executables._show(0, 1)
+    executables._clear()
+    lines = log.getvalue().splitlines()
+    assert [line.partition(";")[0] for line in lines] == [
+        "iphyre_jax: compiling 1 of 2 programs, 60 s",
+        "iphyre_jax: compiling 1 of 2 programs, 121 s",
+    ]
+    assert all("configure(compile_timeout=...)" in line for line in lines)
 
 
 INTERRUPTED = """
