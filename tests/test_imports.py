@@ -40,6 +40,7 @@ PARTS = (
     "compat",
     "train",
     "viewer",
+    "data",
     "cli",
     "__main__",
 )
