@@ -232,6 +232,7 @@ def build(
     recipe: Recipe,
     journal: Journal,
     manifest: Mapping[str, Any],
+    played: Ints | None = None,
 ) -> Dataset:
     """Return a data set of labelled plans, with poses if the recipe has them.
 
@@ -243,8 +244,9 @@ def build(
         recipe: how they were made.
         journal: keeps the poses.
         manifest: fields to add: `scenes`, and others.
+        played: (N, S) the steps of the plans; by default those of the times.
     """
-    steps = plan_to_steps(times, recipe.fps, "simulate")
+    steps = plan_to_steps(times, recipe.fps, "simulate") if played is None else played
     poses = None
     if recipe.sequences:
         journal.report(f"playing {len(game)} sequences")

@@ -18,6 +18,7 @@ from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene
 
 FIRST_ROUND: Final = 2.6  # draws of a scene for each play wanted
+STALE: Final = 1024  # draws in a row without a new play: there is hardly another
 FEWEST: Final = 256  # draws of a scene that a round allows, however many scenes there are
 
 
@@ -56,6 +57,7 @@ class Search:
     def next_draws(self, at_most: int) -> list[Plan]:
         """Draw as many plans as will probably do; none if there are enough of both kinds, or no more allowed."""
         missing, made = self.missing(), len(self.times)
+        self.exhausted |= made >= STALE and not any(self.is_new[-STALE:])
         if not any(missing) or self.exhausted:
             return []
         rate = (int(self.labels.success.sum()) + 1) / (made + 4)
