@@ -40,13 +40,14 @@ PARTS = (
     "compat",
     "train",
     "viewer",
+    "data",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "cli"}
-ADAPTED = {"gymnasium", "brax", "gymnax"}
+ADAPTED = {"gymnasium", "brax", "gymnax", "minari"}
 
 
 def modules() -> list[tuple[str, Path]]:
