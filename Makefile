@@ -5,6 +5,7 @@ PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
+CLIENTS_VENV := build/clients
 BROWSER_VENV := build/browser-venv
 DOCS_VENV := build/docs-venv
 DOCS_PY := $(DOCS_VENV)/bin/python
@@ -12,7 +13,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-clients test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -45,6 +46,20 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
+
+test-clients: ## trainers and libraries of others over the environments, in environments of their own; writes docs/results/clients.md
+	$(PYTHON) -m venv $(CLIENTS_VENV)-jax
+	$(CLIENTS_VENV)-jax/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/clients/jax.txt
+	$(CLIENTS_VENV)-jax/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(PYTHON) -m venv $(CLIENTS_VENV)-torch
+	$(CLIENTS_VENV)-torch/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/clients/torch.txt
+	$(CLIENTS_VENV)-torch/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	rm -rf build/clients
+	failed=0; \
+	for kind in torch jax; do $(CLIENTS_VENV)-$$kind/bin/python tests/clients/documents.py $$kind || failed=1; done; \
+	for client in gymnasium stable_baselines3; do $(CLIENTS_VENV)-torch/bin/python tests/clients/$${client}_client.py || failed=1; done; \
+	for client in gymnax purejaxrl rejax brax flashbax; do $(CLIENTS_VENV)-jax/bin/python tests/clients/$${client}_client.py || failed=1; done; \
+	$(CLIENTS_VENV)-jax/bin/python tests/clients/render.py && exit $$failed
 
 test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
 	$(PY) tests/robustness/kill.py
