@@ -13,7 +13,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-clients test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-clients test-faults test-extremes soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -61,14 +61,32 @@ test-clients: ## trainers and libraries of others over the environments, in envi
 	for client in gymnax purejaxrl rejax brax flashbax; do $(CLIENTS_VENV)-jax/bin/python tests/clients/$${client}_client.py || failed=1; done; \
 	$(CLIENTS_VENV)-jax/bin/python tests/clients/render.py && exit $$failed
 
-test-kill: .venv/.stamp ## 20 kills of training runs at random moments, each resumed to the same bits
-	$(PY) tests/robustness/kill.py
+# Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
+FAULTS := attempts kill damage disk_full hostile_files arguments extreme_scenes
+FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
+
+test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour
+	bad=0; for script in $(FAULTS); do $(FAULT_SCRIPT)/$$script.py || bad=1; done; $(FAULT_SCRIPT)/report.py; exit $$bad
+
+SOAK_MINUTES ?= 60
+
+soak: .venv/.stamp ## an hour of every public call with ever new scenes: memory, compilations, threads and handles stay bounded
+	$(FAULT_SCRIPT)/soak.py --minutes $(SOAK_MINUTES) && $(FAULT_SCRIPT)/report.py
+
+test-server: .venv/.stamp ## an hour of attacks on the play server, with a player who notices nothing
+	$(FAULT_SCRIPT)/server.py && $(FAULT_SCRIPT)/report.py
+
+test-kill: .venv/.stamp ## 40 kills of training runs, 20 of them while saving, each resumed to the same bits
+	$(FAULT_SCRIPT)/kill.py
 
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
-	$(PY) tests/robustness/damage.py
+	$(FAULT_SCRIPT)/damage.py
 
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
+
+test-extremes: .venv/.stamp ## scenes of extreme geometry at both rates, in both number types: finite or at fault, neighbours untouched
+	PYTHONPATH=. $(PY) tests/robustness/extreme_scenes.py
 
 test-browser: chromium ## the pages in Chromium, in an environment of its own; screenshots in build/browser/
 	$(PYTHON) -m venv $(BROWSER_VENV)

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Mapping, Sequence
-from typing import Any
+import sys
+from collections.abc import Callable, Mapping, Sequence, Set
+from typing import Any, Final, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 DTYPES = ("float32", "float64")
+MIN_FPS: Final = 1e-3  # physics steps a second
+MAX_FPS: Final = 100_000  # beyond any use: an episode of 15 s has 1.5 million steps, which only one mover may make
+MAX_RESETS: Final = 2**31 - 1  # number of the reset of a reused space
+MAX_SEED: Final = 2**63 - 1
+MAX_SECONDS: Final = 1e7  # s; more than any play may last, at any rate
+_LARGEST: Final = sys.float_info.max
+_LARGEST_WHOLE: Final = np.iinfo(np.int64).max
 _MAX_SHOWN = 60  # characters of a value that is shown
+
+Value = TypeVar("Value")
 
 
 def check_whole(name: str, value: Any, least: int = 1, most: int | None = None, unit: str = "") -> int:  # noqa: ANN401
@@ -29,50 +40,130 @@ def check_whole(name: str, value: Any, least: int = 1, most: int | None = None, 
     integer = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not integer or value < least or (most is not None and value > most):
         of_unit = f" of {unit}" if unit else ""
-        allowed = f"{of_unit} of at least {least}" if most is None else f"{of_unit} from {least} to {most}"
-        raise ValueError(f"{name}: expected a whole number{allowed}, got {value!r}")
+        limit = "" if most is None else f" and at most {most}"
+        raise ValueError(f"{name}: expected a whole number{of_unit} of at least {least}{limit}, got {show(value)}")
     return int(value)
 
 
-def check_positive(name: str, value: Any, what: str = "a positive number") -> float:  # noqa: ANN401
-    """Return `value` as a float; ValueError in one line unless it is positive and finite."""
-    if not _is_number(value) or not 0 < value < math.inf:
-        raise ValueError(f"{name}: expected {what}, got {value!r}")
+def check_positive(name: str, value: Any, what: str = "a positive number", most: float | None = None) -> float:  # noqa: ANN401
+    """Return `value` as a float; ValueError in one line unless it is positive, finite and at most `most`."""
+    if not _is_number(value) or not 0 < value <= (_LARGEST if most is None else most):
+        limit = "" if most is None else f" of at most {most:.15g}"
+        raise ValueError(f"{name}: expected {what}{limit}, got {show(value)}")
     return float(value)
 
 
-def check_least(name: str, value: Any, least: float) -> float:  # noqa: ANN401
-    """Return `value` as a float; ValueError in one line unless it is finite and at least `least`."""
-    if not _is_number(value) or not least <= value < math.inf:
-        raise ValueError(f"{name}: expected a finite number of at least {least}, got {value!r}")
+def check_least(
+    name: str,
+    value: Any,  # noqa: ANN401
+    least: float,
+    most: float | None = None,
+    what: str = "a finite number",
+) -> float:
+    """Return `value` as a float; ValueError in one line unless it is finite and from `least` to `most`."""
+    if not _is_number(value) or not least <= value <= (_LARGEST if most is None else most):
+        limit = "" if most is None else f" and at most {most:.15g}"
+        raise ValueError(f"{name}: expected {what} of at least {least}{limit}, got {show(value)}")
     return float(value)
+
+
+def check_real(name: str, value: Any) -> float:  # noqa: ANN401
+    """Return `value` as a float, which may be infinite; ValueError in one line unless it is a number."""
+    if not _is_number(value) or (isinstance(value, int) and abs(value) > _LARGEST):
+        raise ValueError(f"{name}: expected a number, got {show(value)}")
+    return float(value)
+
+
+def check_flag(name: str, value: object) -> bool:
+    """Return `value`; ValueError in one line unless it is True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name}: expected True or False, got {show(value)}")
+    return bool(value)
 
 
 def check_option(name: str, value: Any, options: Sequence[str]) -> str:  # noqa: ANN401
     """Return `value`; ValueError in one line unless it is one of the options."""
-    if value not in options:
-        raise ValueError(f"{name}: expected one of {', '.join(options)}, got {value!r}")
+    if not isinstance(value, str) or value not in options:
+        raise ValueError(f"{name}: expected one of {', '.join(options)}, got {show(value)}")
     return str(value)
+
+
+def check_instance(name: str, value: Value, kind: Any, what: str) -> Value:  # noqa: ANN401 - a class or a union
+    """Return `value`; ValueError in one line that says `what` was expected unless it is of that class."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name}: expected {what}, got {show(value)}")
+    return value
+
+
+def is_list(value: object) -> bool:
+    """Return whether a value is a sequence or an array, but no text."""
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
 
 
 def check_dtype(value: object) -> str:
     """Return "float32" or "float64"; ValueError in one line for anything else."""
-    if value not in DTYPES:
-        raise ValueError(f'dtype: expected "float32" or "float64", got {value!r}')
+    if not isinstance(value, str | np.dtype) or value not in DTYPES:
+        raise ValueError(f'dtype: expected "float32" or "float64", got {show(value)}')
     return str(value)
 
 
+def check_fps(value: Any) -> float:  # noqa: ANN401
+    """Return physics steps a second as a float; ValueError in one line unless from MIN_FPS to MAX_FPS."""
+    rate = check_positive("fps", value, "a positive number of physics steps a second", MAX_FPS)
+    if rate < MIN_FPS:
+        raise ValueError(f"fps: expected at least {MIN_FPS:g} physics steps a second, got {show(value)}")
+    return rate
+
+
+def check_resets(value: object) -> int:
+    """Return the number of a reset; ValueError in one line unless it is a whole number from 1 to MAX_RESETS."""
+    return check_whole("resets", value, 1, MAX_RESETS)
+
+
 def whole_fps(fps: object) -> int:
-    """Return `fps` as an int; ValueError in one line unless it is a positive whole number (a float may be whole)."""
+    """Return `fps` as an int; ValueError in one line unless it is whole, 1 to MAX_FPS (a float may be whole)."""
     if not isinstance(fps, bool) and isinstance(fps, numbers.Real):
-        value = float(fps)
-        if value > 0 and value.is_integer():  # False for an infinity or a NaN
+        try:
+            value = float(fps)
+        except OverflowError:
+            value = math.inf
+        if 1 <= value <= MAX_FPS and value.is_integer():
             return int(value)
-    raise ValueError(f"fps: expected a positive whole number of physics steps a second, got {fps!r}")
+    wanted = f"a positive whole number of physics steps a second, at most {MAX_FPS}"
+    raise ValueError(f"fps: expected {wanted}, got {show(fps)}")
+
+
+def check_integers(
+    name: str, value: npt.ArrayLike, what: str, ndim: int, hint: Callable[[object], str] = lambda given: ""
+) -> npt.NDArray[np.int64]:
+    """Return `value` as an int64 array; unsigned numbers beyond its range become its largest.
+
+    Args:
+        name: of the argument, for the message.
+        value: what the caller gave; an empty list counts as integers.
+        what: what was expected, for the message.
+        ndim: number of axes.
+        hint: says what to do instead about the array, or about a value that is none, for the message.
+
+    Raises:
+        ValueError: another shape or type, or a value that JAX traces; one line.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name}: expected {what}, got rows of unequal length") from None
+    except TypeError:  # JAX's, for a traced value
+        raise ValueError(f"{name}: expected {what}, got {show(value)}{hint(value)}") from None
+    if array.ndim != ndim or (array.size and array.dtype.kind not in "iu"):
+        raise ValueError(f"{name}: expected {what}, got {array.dtype} of shape {array.shape}{hint(array)}")
+    if array.dtype == np.uint64:
+        array = np.minimum(array, np.uint64(_LARGEST_WHOLE))
+    return array.astype(np.int64)
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return real and not (isinstance(value, float | np.floating) and math.isnan(value))
 
 
 def show(value: object) -> str:
@@ -81,9 +172,18 @@ def show(value: object) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, Mapping):
         return f"an object of {len(value)} fields"
+    if isinstance(value, Set):
+        return f"a set of {len(value)}"
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of {value.dtype}, shape {value.shape}"
     if isinstance(value, int) and value.bit_length() > 64:
         return f"an integer of {value.bit_length()} bits"  # Python refuses to print the largest ones
-    text = one_line(repr(value[: 2 * _MAX_SHOWN] if isinstance(value, str) else value))
+    if isinstance(value, (str, bytes, bytearray)):
+        value = value[: 2 * _MAX_SHOWN]
+    try:
+        text = one_line(repr(value))
+    except Exception:
+        return f"a {type(value).__name__}"
     return text if len(text) <= _MAX_SHOWN else f"{text[: _MAX_SHOWN - 3]}..."
 
 

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import os
+import socket
+import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
 
 from iphyre_jax.checks import one_line, show
 
 MAX_JSON_BYTES: Final = 1_000_000  # of a scene, a play, a request
+MAX_JSON: Final = 2 * MAX_JSON_BYTES  # of a file of our own; parsed, it takes some 60 MB at most
+LOCK: Final = ".lock"
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
@@ -64,7 +73,7 @@ class _RepeatedKeyError(ValueError):
     """An object of the file has a key twice."""
 
 
-def read_json_object(path: Path, max_bytes: int = 100 * MAX_JSON_BYTES) -> dict[str, Any]:
+def read_json_object(path: Path, max_bytes: int = MAX_JSON) -> dict[str, Any]:
     """Return the object that a JSON file of our own holds.
 
     Raises:
@@ -78,6 +87,55 @@ def read_json_object(path: Path, max_bytes: int = 100 * MAX_JSON_BYTES) -> dict[
     return content
 
 
+def read_npz(file: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of an NPZ file by name. It runs no code, and sizes are checked before anything is unpacked.
+
+    Args:
+        file: as `numpy.savez` or `savez_compressed` writes it; arrays of numbers only.
+        max_bytes: of the file, and of all arrays together.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is damaged, too large, or an array is not what its header says; one line that names the array.
+    """
+    with file.open("rb") as opened:
+        content = opened.read(max_bytes + 1)
+    if len(content) > max_bytes:
+        raise ValueError(f"{file}: expected at most {max_bytes} bytes, got more")
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+            if unpacked > max_bytes:
+                raise ValueError(f"expected at most {max_bytes} bytes of arrays, got {unpacked}")
+            for member in archive.infolist():
+                name = member.filename.removesuffix(".npy")
+                if name in arrays:
+                    raise ValueError(f"{name}: expected this array once, got it again")
+                arrays[name] = _read_array(archive, member)
+    except Exception as error:  # archives and headers fail in many ways
+        raise ValueError(f"{file}: expected arrays of NumPy: {one_line(str(error)) or 'the file is empty'}") from None
+    return arrays
+
+
+def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    """One array of an archive; no more bytes are unpacked than its header needs."""
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others unpack more than was asked for
+        raise ValueError(f"{member.filename}: expected an array stored or deflated")
+    with archive.open(member) as opened:
+        version = np.lib.format.read_magic(opened)
+        if version != (1, 0):
+            raise ValueError(f"{member.filename}: expected version 1.0 of the array's format, got {version}")
+        shape, columns_first, dtype = np.lib.format.read_array_header_1_0(opened)
+        if dtype.kind not in "biuf":
+            raise ValueError(f"{member.filename}: expected numbers, got dtype {dtype}")
+        size = member.file_size - opened.tell()
+        if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != size:
+            raise ValueError(f"{member.filename}: expected {size} bytes, its header says shape {shape} of {dtype}")
+        raw = opened.read(size)
+    return np.frombuffer(raw, dtype).reshape(shape, order="F" if columns_first else "C")
+
+
 @contextmanager
 def replacing(target: Path) -> Iterator[Path]:
     """Give a name beside `target` to write to; what stands there at the end takes the target's place in one move.
@@ -86,12 +144,24 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     draft = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
     try:
-        yield draft
-        with draft.open("rb") as file:
-            os.fsync(file.fileno())
-        draft.replace(target)
+        with naming(target):
+            yield draft
+            with draft.open("rb") as file:
+                os.fsync(file.fileno())
+            draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Let an error of the system name the file, as one of a full disk does not by itself."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(file)
+        raise
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
@@ -108,3 +178,59 @@ def replace_text(path: Path, text: str) -> None:
 def replace_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON in place of an older file; it is whole at any moment."""
     replace_text(path, json.dumps(content, indent=1) + "\n")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes that ask for the same lock out of a folder, by a file `.lock` in it.
+
+    The system drops the lock when its process ends, however it ends: what a killed process leaves is taken over. Where
+    the file system knows no locks (some network ones) or Python has none (Windows), nothing is kept out.
+
+    Raises:
+        BlockingIOError: another process holds it; one line that names the process and its machine.
+        OSError: the file cannot be written.
+    """
+    path = folder / LOCK
+    handle = _take_lock(path)
+    while handle is not None and not _still_there(path, handle):  # its holder has just ended and removed it
+        os.close(handle)
+        handle = _take_lock(path)
+    if handle is None:
+        yield
+        return
+    try:
+        with suppress(OSError):  # a full disk: the next one is refused without a name
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _take_lock(path: Path) -> int | None:
+    """Open and lock a file; None where there are no locks."""
+    try:
+        import fcntl  # not on Windows
+    except ImportError:
+        return None
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = one_line(os.pread(handle, 200, 0).decode(errors="replace")) or "another process"
+        os.close(handle)
+        raise BlockingIOError(f"{path.parent}: expected a folder that nobody uses, but {holder} does") from None
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _still_there(path: Path, handle: int) -> bool:
+    """Whether an open file is the one that has this name."""
+    try:
+        return os.fstat(handle).st_ino == path.stat().st_ino
+    except FileNotFoundError:
+        return False

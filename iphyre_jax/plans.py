@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import whole_fps
+from iphyre_jax.checks import check_option, is_list, show, whole_fps
+from iphyre_jax.memory import check_memory
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, TIME_LIMIT
 
 NEVER_WORDS = ("never", "-")  # in a plan that a person writes
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from iphyre_jax.scenes import Scene
 
 Rule = Literal["simulate", "in_advance"]
+_REMEDY = "turn fewer plans at a time into steps"
 
 
 def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.int64]:
@@ -31,7 +33,7 @@ def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.
     Args:
         times: (B, S) float32 or float64 (integers become float64), s, not negative; column s belongs to the s-th
             eliminable block; NaN: the plan has no entry for it.
-        fps: physics steps a second, a positive whole number; for "in_advance" a multiple of 10.
+        fps: physics steps a second, a whole number from 1 to 100,000; for "in_advance" a multiple of 10.
         rule: "simulate", for people and data sets: entries are taken in order of time (equal times in column order), at
             most one a frame, at the first frame whose clock has reached the time. An entry at 0 takes its frame and
             removes nothing. "in_advance", for the learning environment: times are rounded to 0.1 s (half to even, in
@@ -48,13 +50,14 @@ def plan_to_steps(times: npt.ArrayLike, fps: int, rule: Rule) -> npt.NDArray[np.
 
     Source: `IPHYRE.simulate` and `IPHYRE_inadvance.step` of the official package 0.2.3.
     """
-    plans = _checked_times(times)
+    check_option("rule", rule, get_args(Rule))
     rate = whole_fps(fps)
+    plans = _checked_times(times)
     if rule == "simulate":
+        check_memory("times", 60 * plans.size, _REMEDY)
         return _simulate_steps(plans.astype(np.float64), rate)
-    if rule == "in_advance":
-        return _in_advance_steps(plans, rate)
-    raise ValueError(f"rule: expected one of {', '.join(get_args(Rule))}, got {rule!r}")
+    check_memory("times", (60 + 4 * plans.shape[1]) * plans.size, _REMEDY)
+    return _in_advance_steps(plans, rate)
 
 
 def _checked_times(times: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
@@ -63,6 +66,8 @@ def _checked_times(times: npt.ArrayLike) -> npt.NDArray[np.floating[Any]]:
         plans = np.asarray(times)
     except ValueError:
         raise ValueError("times: expected a rectangular (B, S) array, got rows of unequal length") from None
+    except TypeError:  # JAX's, for a traced value
+        raise ValueError(f"times: expected an array, as this runs on the host, got {show(times)}") from None
     if plans.dtype.kind in "iu":
         plans = plans.astype(np.float64)
     if plans.dtype not in (np.float32, np.float64):
@@ -137,14 +142,16 @@ def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:
         ValueError: one line; a word is not a time, or there are more words than eliminable blocks.
     """
     blocks = len(scene.eliminable_blocks)
+    if not is_list(words):
+        raise ValueError(f"plan: expected a sequence of times, got {show(words)}")
     if len(words) > blocks:
         raise ValueError(f"plan: expected at most {blocks} times (eliminable blocks of {scene.name}), got {len(words)}")
     seconds = np.full((1, blocks), np.nan)
     for k, word in enumerate(words):
         try:
             seconds[0, k] = np.nan if word in NEVER_WORDS else float(word)
-        except ValueError:
+        except (ValueError, TypeError, OverflowError):
             seconds[0, k] = -1.0
-        if seconds[0, k] < 0 or np.isinf(seconds[0, k]):
-            raise ValueError(f"plan: expected seconds from 0 on, or never, separated by spaces, got {word!r}")
+        if seconds[0, k] < 0 or np.isinf(seconds[0, k]) or (np.isnan(seconds[0, k]) and word not in NEVER_WORDS):
+            raise ValueError(f"plan: expected seconds from 0 on, or never, separated by spaces, got {show(word)}")
     return seconds

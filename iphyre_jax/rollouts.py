@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from iphyre_jax.checks import check_whole, show
 from iphyre_jax.physics import eliminate, initial_state, step
-from iphyre_jax.physics.types import State, Timing, Topology, World
+from iphyre_jax.physics.types import State, Timing, Topology, World, check_parts
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.rules import GOAL_Y
 
@@ -120,10 +122,32 @@ def _finite(state: State) -> jax.Array:
     return jnp.all(jnp.isfinite(total), axis=0)
 
 
+def _check_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -> None:
+    """Check the shape and type of a plan, and the number of steps if it is not traced; ValueError in one line."""
+    if not isinstance(plan, jax.Array | np.ndarray) or not plan.ndim or plan.dtype.kind not in "iu":
+        raise ValueError(f"plan: expected integers, a step for each eliminable block, got {show(plan)}")
+    if isinstance(steps, int | np.integer):
+        check_whole("steps", steps, 0, topology.max_steps)
+    elif not isinstance(steps, jax.Array | np.ndarray) or steps.ndim or steps.dtype.kind not in "iu":
+        raise ValueError(f"steps: expected one whole number, got {show(steps)}")
+
+
 def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:
     """Play whole episodes: `steps` physics steps (traced) or until every lane is done.
 
-    plan: (slots, *lanes) int32, row s belongs to the s-th eliminable block; see `run_until`.
+    Everything but the topology may be traced: this is what to call inside `jax.jit`.
+
+    Args:
+        topology: of the world; static.
+        world: as `compile_scene` returns it, possibly with lanes (further worlds) behind every axis.
+        timing: as `step_timing` returns it.
+        plan: (slots, *lanes) int32, row s belongs to the s-th eliminable block; see `run_until`.
+        steps: () int32, from 0 to `topology.max_steps`.
+
+    Raises:
+        ValueError: a part is of another class or shape, or `plan` or `steps` are no integers; one line.
     """
+    check_parts(topology=topology, world=world, timing=timing)
+    _check_plan(topology, plan, steps)
     never_done = jnp.zeros(world.start.x.shape[1:], bool)
     return run_until(topology, world, timing, plan, reset_episode(topology, world, never_done), steps).result

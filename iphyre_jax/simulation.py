@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any
+from typing import Any, Final
 
+import jax
 import numpy as np
 import numpy.typing as npt
 from jax.sharding import Mesh
 
-from iphyre_jax.checks import check_dtype, check_positive, check_whole
+from iphyre_jax.checks import (
+    MAX_SECONDS,
+    check_dtype,
+    check_flag,
+    check_fps,
+    check_integers,
+    check_positive,
+    check_resets,
+    check_whole,
+    show,
+)
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.devices import Partition, check_same_call, partition_of
+from iphyre_jax.execution.configuration import threads
+from iphyre_jax.execution.devices import LANES, Partition, check_same_call, partition_of
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
+from iphyre_jax.memory import check_memory
+from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import Scene, SceneLike, load_scene, scene_to_dict
+
+_MOST_STEPS: Final = 2**31 - 1  # a step's number is an int32
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +80,22 @@ def simulate(
         scene: a game's name, the path of a scene file, or a Scene.
         eliminate_at: (B, S) integers; column s holds the 0-based index of the physics step before which the s-th
             eliminable block (in list order) is removed, -1 for never. Missing columns mean never; columns beyond the
-            scene's blocks must be -1. Blocks with the same step are removed in column order.
-        fps: physics steps a second; dt = 1 / fps.
-        duration: s; duration x fps must be a whole number of steps.
+            scene's blocks must be -1. Blocks with the same step are removed in column order. B is limited by memory
+            only: a call that needs more than is free is refused with both figures.
+        fps: physics steps a second, from 0.001 to 100,000; dt = 1 / fps.
+        duration: s, above 0; duration x fps must be a whole number of steps, at most `Topology.max_steps` of the scene
+            (8,190 or more).
         dtype: "float32" or "float64".
-        sample_every: steps between samples of all poses, or None for no samples.
-        resets: number of the reset of a reused space, which decides the order of contacts; 1 is a fresh space, 2 that
-            of the official learning environments.
+        sample_every: steps between samples of all poses, 1 to 2**31 - 1, or None for no samples.
+        resets: number of the reset of a reused space, 1 to 2**31 - 1, which decides the order of contacts; 1 is a
+            fresh space, 2 that of the official learning environments.
         mesh: devices that share the worlds, from `jax.make_mesh`, with any axes; results have the same bits. If it
             spans processes (`jax.distributed`), each process makes the same call and gets the whole result. None:
             JAX's default device, and the threads that `configure` sets.
 
     Raises:
-        ValueError: one line that names the argument and what was expected.
+        ValueError: one line that names the argument and what was expected; also inside
+            `jax.jit`, where `rollout` plays.
         OSError: the scene file cannot be read.
     """
     loaded = load_scene(scene)
@@ -117,14 +137,14 @@ def simulate_many(
         ValueError: one line that names the argument and what was expected.
         OSError: a scene file cannot be read.
     """
-    if isinstance(scenes, str | PathLike | Scene):
-        raise ValueError("scenes: expected a sequence of names, files or Scenes, got a single one")
+    if isinstance(scenes, str | PathLike | Scene) or not isinstance(scenes, Iterable):
+        raise ValueError(f"scenes: expected a sequence of names, files or Scenes, got {show(scenes)}")
     loaded = [load_scene(scene) for scene in scenes]
     settings = _settings(fps, duration, dtype, resets, sample_every, share_prefixes)
     partition = partition_of(mesh)
     if settings.share_prefixes and (settings.sample_every is not None or partition.process_count > 1):
         raise ValueError("share_prefixes: expected no samples, and no mesh that spans processes")
-    index = _integers("which", which, 1)
+    index = check_integers("which", which, "integers, the scene of each plan", 1, _hint)
     if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
@@ -134,29 +154,44 @@ def simulate_many(
 def _settings(
     fps: float, duration: float, dtype: str, resets: int, sample_every: int | None, share_prefixes: bool = False
 ) -> Settings:
-    rate, seconds = check_positive("fps", fps), check_positive("duration", duration)
-    every = None if sample_every is None else check_whole("sample_every", sample_every)
-    if not isinstance(share_prefixes, bool):
-        raise ValueError(f"share_prefixes: expected True or False, got {share_prefixes!r}")
+    rate = check_fps(fps)
+    seconds = check_positive("duration", duration, "a positive number of seconds", MAX_SECONDS)
+    every = None if sample_every is None else check_whole("sample_every", sample_every, 1, _MOST_STEPS)
+    check_flag("share_prefixes", share_prefixes)
     steps = round(seconds * rate)
     if steps < 1 or abs(seconds * rate - steps) > 1e-6 * steps:
         raise ValueError(f"duration: expected duration x fps to be a whole number of steps, got {duration!r} x {fps!r}")
-    return Settings(rate, steps, check_dtype(dtype), check_whole("resets", resets), every, share_prefixes)
+    return Settings(rate, steps, check_dtype(dtype), check_resets(resets), every, bool(share_prefixes))
 
 
-def _integers(name: str, value: npt.ArrayLike, ndim: int) -> npt.NDArray[np.int64]:
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        raise ValueError(f"{name}: expected {ndim} axes of integers, got rows of unequal length") from None
-    if array.ndim != ndim or (array.size and array.dtype.kind not in "iu"):
-        raise ValueError(f"{name}: expected integers with {ndim} axes, got {array.dtype} of shape {array.shape}")
-    return array.astype(np.int64)
+def _hint(value: object) -> str:
+    """Return what to do about a plan that is no (B, S) array of integers, as the end of the message."""
+    if isinstance(value, jax.core.Tracer):
+        return "; simulate runs on the host, inside jax.jit call iphyre_jax.rollout"
+    if not isinstance(value, np.ndarray):
+        return ""
+    if value.dtype.kind == "f":
+        return "; iphyre_jax.plan_to_steps turns seconds into steps"
+    return "; one plan is a batch of one, [plan]" if value.dtype.kind in "iu" and value.ndim == 1 else ""
+
+
+def _check_memory(scenes: list[Scene], topologies: list[Topology], plan: npt.NDArray[np.int32], of: Settings) -> None:
+    """Refuse a call whose results, plans and groups under way need more memory than is free."""
+    count, slots = plan.shape
+    results = count * (100 + 60 * slots)  # a few numbers a plan, and those that sort the plans
+    if of.sample_every is None or not count:
+        check_memory("eliminate_at", results, "play fewer plans at a time")
+        return
+    stops, number = of.steps // of.sample_every + 1, np.dtype(of.dtype).itemsize
+    samples = count * stops * max(scene.n_objects for scene in scenes) * 3 * number
+    lanes = min(count, LANES) * (threads() + 1)  # groups under way, each with its samples twice
+    under_way = 2 * stops * lanes * max(topology.moving for topology in topologies) * 3 * number
+    check_memory("sample_every", results + samples + under_way, "play fewer plans at a time or take fewer samples")
 
 
 def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.int64] | None) -> npt.NDArray[np.int32]:
     """Return the checked plan with as many columns as the scene with the most eliminable blocks has."""
-    plan = _integers("eliminate_at", eliminate_at, 2)
+    plan = check_integers("eliminate_at", eliminate_at, "integers of shape (B, S)", 2, _hint)
     if which is not None and len(which) != len(plan):
         raise ValueError(f"eliminate_at: expected {len(which)} rows as in which, got {len(plan)}")
     if plan.size and plan.min() < -1:
@@ -168,7 +203,7 @@ def _plan(eliminate_at: npt.ArrayLike, blocks: list[int], which: npt.NDArray[np.
         raise ValueError(
             f"eliminate_at: row {row} removes block {column}, but its scene has {have[row]} eliminable blocks"
         )
-    return np.minimum(plan[:, : max(blocks, default=0)], np.iinfo(np.int32).max).astype(np.int32)
+    return np.minimum(plan[:, : max(blocks, default=0)], _MOST_STEPS).astype(np.int32)
 
 
 def _simulate(
@@ -178,12 +213,14 @@ def _simulate(
     settings: Settings,
     partition: Partition,
 ) -> Simulation:
+    check_fork()
     if partition.process_count > 1:
         check_same_call([scene_to_dict(scene) for scene in scenes], which, plan, settings)
     worlds = [cached_world(scene, settings.resets, settings.dtype) for scene in scenes]
     for topology, _ in worlds:
         if settings.steps > (limit := topology.max_steps):
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
+    _check_memory(scenes, [topology for topology, _ in worlds], plan, settings)
     batch = PlanBatch(scenes, worlds, which, plan, settings, partition)
     left = np.arange(len(plan))
     for attempt in range(ATTEMPTS):

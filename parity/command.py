@@ -7,6 +7,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from iphyre_jax.checks import check_whole
+
 REPORT_WIDTH = 130  # columns
 
 
@@ -17,8 +19,7 @@ def require_at_least(options: object, **least: int) -> None:
         ValueError: an option is below its least value; the message names it.
     """
     for name, value in least.items():
-        if getattr(options, name) < value:
-            raise ValueError(f"--{name}: expected an integer of at least {value}, got {getattr(options, name)}")
+        check_whole(f"--{name}", getattr(options, name), value)
 
 
 def options_as_json(options: object) -> dict[str, Any]:

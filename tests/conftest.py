@@ -1,12 +1,17 @@
 """What holds for every test: the CPU, arrays of different rank never meet unsaid, no test fails for being slow."""
 
 import os
+import signal
 from pathlib import Path
 
 os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
 os.environ["IPHYRE_JAX_CONFIGURE"] = "off"  # commands run in here would set what holds for the whole process
 # Programs of all test processes, kept from run to run: not the user's, and gone with `make clean`.
 os.environ.setdefault("IPHYRE_JAX_CACHE", str(Path(__file__).parents[1] / "build" / "test-cache"))
+
+# A shell that starts tests in the background lets them ignore Ctrl-C; tests that interrupt need it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import jax
 import pytest

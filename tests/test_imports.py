@@ -21,6 +21,7 @@ MOST_FILES = 14  # in one folder, beside its __init__.py
 # Every part may import those before it, never one after it. A new part takes its place here.
 PARTS = (
     "checks",
+    "memory",
     "files",
     "_deprecated",
     "rules",

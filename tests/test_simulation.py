@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -262,3 +263,29 @@ def test_shared_beginnings_have_no_samples() -> None:
         simulate_many(["hole"], [0], [[-1]], sample_every=3, share_prefixes=True)
     with pytest.raises(ValueError, match=r"^share_prefixes: expected True or False, got 1$"):
         simulate_many(["hole"], [0], [[-1]], share_prefixes=1)  # type: ignore[arg-type]
+
+
+def test_steps_beyond_int64_are_never_reached() -> None:
+    """They wrapped around, 2**64 - 1 to -1 and 2**64 - 2 to a number that was refused."""
+    never = simulate("hole", np.array([[2**64 - 2, 2**64 - 1]], np.uint64), fps=10, duration=1.0)
+    assert never.eliminations.tolist() == [0]
+    with pytest.raises(ValueError, match="row 0 removes block 4, but its scene has 4"):
+        simulate("hole", np.array([[0, 0, 0, 0, 2**64 - 1]], np.uint64), fps=10, duration=1.0)
+
+
+@pytest.mark.parametrize(
+    ("plan", "hint"),
+    [
+        ([[0.5, 1.5]], "iphyre_jax.plan_to_steps turns seconds into steps"),
+        ([3, 5], r"one plan is a batch of one, \[plan\]"),
+        (None, ""),
+    ],
+)
+def test_a_plan_of_another_form_is_told_what_to_do(plan: Any, hint: str) -> None:
+    with pytest.raises(ValueError, match=rf"^eliminate_at: expected integers of shape \(B, S\), got [^\n]*{hint}$"):
+        simulate("hole", plan)
+
+
+def test_inside_jit_the_message_names_rollout() -> None:
+    with pytest.raises(ValueError, match=r"^eliminate_at: [^\n]*inside jax\.jit call iphyre_jax\.rollout(\n|$)"):
+        jax.jit(lambda plan: simulate("hole", plan).steps)(np.zeros((1, 2), np.int32))

@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import show
+from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.spaces import Discrete, Space
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
 
@@ -79,9 +80,17 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin an episode; see the class.
 
+        Args:
+            seed: 0 to 2**63 - 1, or None to continue with the generator.
+            options: {"game": name or number}, or None.
+
         Raises:
-            ValueError: options["game"] is not a game of this id; one line.
+            ValueError: the seed is no such number, or options["game"] is not a game of this id; one line.
         """
+        check_fork()
+        seed = checked_seed(seed)
+        if options is not None:
+            check_instance("options", options, dict, 'a dict such as {"game": "hole"} or None')
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
@@ -98,6 +107,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         Raises:
             ValueError: the action is not of the action space, or `reset` was not called; one line.
         """
+        check_fork()
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
         checked = checked_action(self.env.action_space(), action, ())
@@ -143,9 +153,14 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.__dict__.update(on_device(content, ("params", "_state"), content["_x64"]))
 
 
+def checked_seed(seed: object) -> int | None:
+    """Return a seed as an int, or None; ValueError in one line unless it is one or the other."""
+    return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
+
+
 def check_render_mode(render_mode: object) -> None:
     """Raise ValueError, one line, for a render mode that the environments lack."""
-    if render_mode not in (None, "rgb_array"):
+    if render_mode is not None and (not isinstance(render_mode, str) or render_mode != "rgb_array"):
         raise ValueError(f'render_mode: expected "rgb_array" or None, got {show(render_mode)}')
 
 

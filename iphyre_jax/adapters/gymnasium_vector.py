@@ -19,18 +19,22 @@ from iphyre_jax.adapters.gymnasium_env import (
     SEEDS,
     check_render_mode,
     checked_action,
+    checked_seed,
     game_row,
     gymnasium_flags,
     on_device,
     on_host,
     space_of,
 )
-from iphyre_jax.checks import check_option, check_whole
+from iphyre_jax.checks import MAX_SEED, check_instance, check_option, check_whole
 from iphyre_jax.envs import EnvParams, EnvState, make
+from iphyre_jax.envs.arguments import check_batch
 from iphyre_jax.envs.core import Environment
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
 
+MAX_WORLDS = 1_000_000
 _ANY_GAME = -1
 _MODES = {mode.value: mode for mode in AutoresetMode}
 _ON_DEVICE = ("params", "_state")
@@ -47,7 +51,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
-        num_envs: B, the number of worlds.
+        num_envs: B, the number of worlds, 1 to 1,000,000 if memory allows.
         autoreset_mode: a `gymnasium.vector.AutoresetMode`, or its value, "SameStep", "NextStep" or "Disabled".
         render_mode: "rgb_array" for `render` to return pictures of the worlds, or None.
         **options: as for `iphyre_jax.make`, except autoreset and final_observation.
@@ -71,7 +75,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         render_mode: str | None = None,
         **options: Any,  # noqa: ANN401
     ) -> None:
-        check_whole("num_envs", num_envs)
+        check_whole("num_envs", num_envs, 1, MAX_WORLDS)
         check_render_mode(render_mode)
         if "autoreset" in options:
             raise ValueError("autoreset: expected none; say autoreset_mode, one of gymnasium.vector.AutoresetMode")
@@ -82,6 +86,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.env, self.params = make(id, autoreset=same_step, final_observation=same_step, **options)
+        check_batch("num_envs", self.env, num_envs)
         self.single_observation_space = space_of(self.env.observation_space())
         self.single_action_space = space_of(self.env.action_space())
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -100,7 +105,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         """Begin an episode in every world, or in some.
 
         Args:
-            seed: s for the seeds s, s + 1, ..., or one seed for each world, or None to continue with the generators.
+            seed: s for the seeds s, s + 1, ..., or one seed for each world, 0 to 2**63 - 1 each, or None to continue
+                with the generators.
             options: "game", the name or number of the game of these episodes, or a list of B of them; "reset_mask",
                 (B,) bool, the worlds that begin an episode, all by default.
 
@@ -108,13 +114,14 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             ValueError: an option is unknown or wrong, there are more or fewer seeds than worlds, or worlds are left
                 out of the first reset; one line.
         """
+        check_fork()
+        if options is not None:
+            check_instance("options", options, dict, 'a dict such as {"game": "hole"} or None')
         mask, games = self._reset_options(options or {})
-        seeds = [seed + k for k in range(self.num_envs)] if isinstance(seed, int | np.integer) else seed
-        if seeds is not None and len(seeds) != self.num_envs:
-            raise ValueError(f"seed: expected {self.num_envs}, one for each world, got {len(seeds)}")
-        for k, one in enumerate(seeds or []):
+        seeds = [] if seed is None else self._seeds_of(seed)
+        for k, one in enumerate(seeds):
             if one is not None and mask[k]:
-                self._generators[k] = seeding.np_random(int(one))[0]
+                self._generators[k] = seeding.np_random(one)[0]
                 self._seeds[k] = self._generators[k].integers(SEEDS)
         info = self._begin(mask, games)
         return self._obs.copy(), self._infos(info, mask, np.zeros_like(mask), np.zeros_like(mask))
@@ -129,6 +136,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             ValueError: the actions are not of the action space, `reset` was not called, or a world has ended that only
                 the user resets; one line.
         """
+        check_fork()
         if self._state is None:
             raise ValueError("step: expected a call of reset before the first step")
         if self._mode == AutoresetMode.DISABLED and self._ended.any():
@@ -197,6 +205,15 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             self._state, self._ended = state, self._ended & ~worlds
             self._draw(worlds)
             return dict(_info(self.env, state, self.params))
+
+    def _seeds_of(self, seed: int | Sequence[int | None]) -> list[int | None]:
+        """Return the seed of each world; ValueError in one line for anything but numbers and None."""
+        if not isinstance(seed, Sequence | np.ndarray):
+            first = check_whole("seed", seed, 0, MAX_SEED)
+            return [check_whole("seed", first + k, 0, MAX_SEED) for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"seed: expected {self.num_envs}, one for each world, got {len(seed)}")
+        return [checked_seed(one) for one in seed]
 
     def _draw(self, worlds: npt.NDArray[np.bool_]) -> None:
         """Draw the seeds of the next episodes of some worlds, each from the world's own generator."""

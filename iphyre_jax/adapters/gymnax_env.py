@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.checks import check_instance
 from iphyre_jax.envs import Discrete, Environment, EnvParams, EnvState
 from iphyre_jax.envs.core import Info
 from iphyre_jax.envs.spaces import Space
@@ -40,13 +41,18 @@ class GymnaxView:
     Attributes:
         env: the environment; those trainers expect autoreset.
         default_params: for `reset` and `step` without parameters; a `GymnaxParams`, whatever was given.
+
+    Raises:
+        ValueError: they are not what `make` returns; one line.
     """
 
     env: Environment
     default_params: EnvParams
 
     def __post_init__(self) -> None:
-        """Add the length of an episode to the parameters."""
+        """Check the attributes, and add the length of an episode to the parameters."""
+        check_instance("env", self.env, Environment, "an environment that make has returned")
+        check_instance("default_params", self.default_params, EnvParams, "the parameters that make has returned")
         params = GymnaxParams(games_of(self.default_params), self.env.strategy.decisions)
         object.__setattr__(self, "default_params", params)
 

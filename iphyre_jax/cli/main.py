@@ -28,7 +28,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
     0: success, also for --help and --version. 2: a mistake, explained in one line on the standard error, or in a short
-    box if an option is wrong. 130: Ctrl-C. 141: the reader of the output has gone.
+    box if an option is wrong. 130: Ctrl-C; 143 and 129: SIGTERM and SIGHUP, by which a training run is saved as by
+    Ctrl-C. 141: the reader of the output has gone.
     """
     if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
         print(f"iphyre-jax {__version__}")
@@ -57,5 +58,5 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _fail(message: str) -> int:
     """Print an error in one line and return its exit code."""
-    print(f"iphyre-jax: {message}", file=sys.stderr)
+    print(f"iphyre-jax: {' '.join(message.splitlines())}", file=sys.stderr)
     return ERROR

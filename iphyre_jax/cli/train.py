@@ -16,6 +16,7 @@ from rich.table import Table
 
 from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
+from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -116,6 +117,18 @@ def run(command: TrainingCommand, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
+    with interrupting() as signals:
+        try:
+            code = _run(command, console)
+        except KeyboardInterrupt:
+            if not signals:
+                raise
+            code = INTERRUPTED
+    return exit_code(signals[0]) if signals and code == INTERRUPTED else code
+
+
+def _run(command: TrainingCommand, console: Console) -> int:
+    """Run a training command and return the exit code; INTERRUPTED if a signal ended it early."""
     if isinstance(command, Train):
         command.config.check()
         folder = command.out or runs.default_path(command.config)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import secrets
+import sys
+import warnings
 import webbrowser
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 import numpy as np
 import tyro
@@ -22,7 +26,7 @@ from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
-from iphyre_jax.viewer.load_plays import BEST, load_plays
+from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api
 from iphyre_jax.viewer.play.server import PlayServer
@@ -125,6 +129,27 @@ class Score:
     plays: Annotated[tyro.conf.Positional[Path], option("FILE", "The file of plays (JSON lines).")]
 
 
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print warnings, such as those about damaged files, like the errors of a command."""
+
+    def show_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        del filename, lineno, file, line
+        print(f"iphyre-jax: {category.__name__}: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show_warning
+        yield
+
+
+@_warnings_in_one_line()
 def render(command: Render, console: Console) -> None:
     """`iphyre-jax render`."""
     from iphyre_jax.viewer.films import save, save_picture
@@ -137,7 +162,7 @@ def render(command: Render, console: Console) -> None:
         sheet = contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, SHEET_SIZE))
         save_picture(command.out, sheet)
     elif what == BEST or what.endswith(".jsonl") or Path(what).is_dir():
-        chosen = [play for play in load_plays(what) if command.game in (None, play.scene.name)]
+        chosen = [play for play in each_play(what) if command.game in (None, play.scene.name)]
         chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
         if not chosen:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
@@ -160,7 +185,9 @@ def _frame_look(command: Render, size: int) -> Look:
     """Return the look of the frames; `size` is used if the command sets none."""
     from iphyre_jax.viewer.frames import Look
 
-    return Look(command.theme, command.size or size, command.captions, command.trails, command.fade)
+    return Look(
+        command.theme, size if command.size is None else command.size, command.captions, command.trails, command.fade
+    )
 
 
 def _record_plan(command: Render, scene: Scene) -> Recording:
@@ -169,11 +196,12 @@ def _record_plan(command: Render, scene: Scene) -> Recording:
     return record(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
 
 
+@_warnings_in_one_line()
 def replay(command: Replay, console: Console) -> None:
     """`iphyre-jax replay`."""
     if not command.sources:
         raise ValueError("sources: expected at least one file of plays, run folder, or best")
-    plays = [play for source in command.sources for play in load_plays(source)]
+    plays = (play for source in command.sources for play in each_play(source))
     chosen = [play for play in plays if not command.games or play.scene.name in command.games]
     if not chosen:
         raise ValueError(f"games: expected games with plays in the sources, got {', '.join(command.games)}")
@@ -184,6 +212,7 @@ def replay(command: Replay, console: Console) -> None:
     say(console, f"{command.out}: {len(chosen)} plays, {command.out.stat().st_size / 1000:.0f} kB")
 
 
+@_warnings_in_one_line()
 def play(command: PlayPage, console: Console) -> None:
     """`iphyre-jax play`."""
     agents = [entry for source in command.agents for entry in load_plays(source)]
@@ -199,6 +228,7 @@ def play(command: PlayPage, console: Console) -> None:
         server = PlayServer(api, secrets.token_urlsafe(24), command.port)
     except OSError as error:
         raise OSError(f"port: expected a free port, got {command.port}: {error.strerror}") from None
+    api.simulator.warm_up()
     with server:
         say(console, f"Play at {server.address}")
         say(console, f"Attempts are added to {command.attempts}. Ctrl-C ends the game.")
@@ -207,13 +237,14 @@ def play(command: PlayPage, console: Console) -> None:
         server.serve_forever()
 
 
+@_warnings_in_one_line()
 def score(command: Score, console: Console) -> None:
     """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 
     Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
     """
     groups: dict[tuple[int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for entry in load_plays(command.plays):
+    for entry in each_play(command.plays):
         recording = entry.record()
         groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
         if difference := entry.difference(recording):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+
+from iphyre_jax.checks import is_list, show
+from iphyre_jax.memory import check_memory
 
 if TYPE_CHECKING:
     from iphyre_jax.compat.simulator import IPHYRE
@@ -56,9 +60,12 @@ def save_sequences(
         OSError: a file cannot be written.
     """
     if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1 or simulator.FPS % fps:
-        raise ValueError(f"fps: expected a divisor of the simulator's {simulator.FPS}, got {fps!r}")
-    game = _save_raw(simulator, save_path)
+        raise ValueError(f"fps: expected a divisor of the simulator's {simulator.FPS}, got {show(fps)}")
+    if not is_list(act_lists):
+        raise ValueError(f"act_lists: expected a sequence of lists of clicks, got {show(act_lists)}")
     every, count = int(simulator.FPS // fps), simulator.max_time * fps
+    check_memory("fps", count * simulator.max_obj_num * 9 * 8, "save fewer states a second")
+    game = _save_raw(simulator, save_path)
     for number, clicks in enumerate(act_lists):
         simulator.reset()
         folder = game / str(number)
@@ -80,6 +87,8 @@ def save_sequences(
 
 
 def _save_raw(simulator: IPHYRE, save_path: str) -> Path:
+    if not isinstance(save_path, str | os.PathLike) or "\0" in str(save_path):
+        raise ValueError(f"save_path: expected the path of a folder, got {show(save_path)}")
     folder = Path(save_path) / simulator.game
     folder.mkdir(parents=True, exist_ok=True)
     scene = simulator.scene

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import show
 from iphyre_jax.compat.world import SteppedWorld
 from iphyre_jax.physics.constants import MASS
 from iphyre_jax.rules import GOAL_Y
@@ -123,6 +125,8 @@ def position_of(pos: object) -> tuple[float, float]:
     """Return a click's x and y; ValueError in one line for anything else."""
     try:
         x, y = (float(part) for part in pos)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ValueError(f"pos: expected a position x, y in px, got {pos!r}".splitlines()[0]) from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"pos: expected a position x, y in px, got {show(pos)}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"pos: expected finite numbers, got {x!r}, {y!r}")
     return x, y

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -10,12 +11,13 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_positive
+from iphyre_jax.checks import check_flag, check_fps, is_list, show
 from iphyre_jax.compat import data
 from iphyre_jax.compat.games import scene_of
 from iphyre_jax.compat.objects import Objects, position_of
 from iphyre_jax.compat.picture import SIZE, picture
 from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Scene
@@ -34,14 +36,14 @@ class IPHYRE(Objects):
 
     Args:
         game: a game's name, also one that was added to `PARAS`, or, beyond the official class, a scene file or a Scene.
-        fps: physics steps a second.
+        fps: physics steps a second, 0.001 to 100,000.
 
     Raises:
-        ValueError: no such game, or no positive rate; one line.
+        ValueError: no such game, or another rate; one line.
     """
 
     def __init__(self, game: str | os.PathLike[str] | Scene = "support", fps: float = 60) -> None:
-        check_positive("fps", fps, "a positive number of steps a second")
+        check_fps(fps)
         self.scene = scene_of(game)
         self.game = self.scene.name
         self.FPS = fps
@@ -57,6 +59,8 @@ class IPHYRE(Objects):
 
     def reset(self, use_images: bool = False) -> npt.NDArray[Any]:
         """Start again; return the table or the picture, as `step` does."""
+        check_fork()
+        check_flag("use_images", use_images)
         self._resets += 1
         self._world = SteppedWorld(self.scene, float(self.FPS), self._resets)
         return self._observation(use_images)
@@ -77,6 +81,7 @@ class IPHYRE(Objects):
         Raises:
             ValueError: pos is not a position, or `reset` was not called; one line.
         """
+        check_flag("use_images", use_images)
         x, y = position_of(pos)
         hit = self._hit(x, y, self._started.alive) if (x, y) != (0.0, 0.0) else None
         if hit is not None:
@@ -158,6 +163,8 @@ class IPHYRE(Objects):
 
     def removals(self, action: Sequence[Click]) -> dict[int, int]:
         """Return the objects that timed clicks remove, each with its step from now."""
+        if not is_list(action):
+            raise ValueError(f"action: expected a sequence of clicks x, y, t, got {show(action)}")
         alive, found = self._started.alive.copy(), {}
         due = iter(sorted(map(_click, action), key=lambda click: click[2]))
         click = next(due, None)
@@ -206,8 +213,10 @@ def _click(click: object) -> tuple[float, float, float]:
     """Return a timed click's x, y and t."""
     try:
         x, y, t = (float(part) for part in click)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise ValueError(f"action: expected clicks x, y, t, got {click!r}".splitlines()[0]) from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"action: expected clicks x, y, t, got {show(click)}") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"action: expected finite positions, got {x!r}, {y!r}")
     if not t >= 0:
         raise ValueError(f"action: expected times that are not negative, got {t!r}")
     return x, y, t

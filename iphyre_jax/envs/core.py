@@ -12,13 +12,15 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Final, Literal, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, show
+from iphyre_jax.envs.arguments import check_game, check_key, check_params, check_state
 from iphyre_jax.envs.batching.host_worlds import HostWorlds
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.batching.traced_worlds import TracedWorlds
@@ -27,15 +29,18 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.forks import check_fork
+from iphyre_jax.execution.interrupts import as_interrupts
 from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.scenes import Limits, Scene, SceneLike, load_scenes
-from iphyre_jax.scenes.limits import OFFICIAL
+from iphyre_jax.scenes.limits import OFFICIAL, check_limits
 
 BackendName = Literal["host", "xla"]
 Info = dict[str, Any]
 NO_GAME = -1
+MAX_IMAGE: Final = 2400  # px, side of an observed image
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ class Environment:
         limits: of its scenes: rows of an observation, slots of the strategy.
         backend: "host", a callback inside your program, at full speed on a CPU; "xla", a part of your program, for
             accelerators and gradients.
+
+    Raises:
+        ValueError: an attribute is not as said here; one line.
     """
 
     name: str = field(compare=False)
@@ -73,6 +81,20 @@ class Environment:
     final_observation: bool = False
     limits: Limits = OFFICIAL
     backend: BackendName = "host"
+
+    def __post_init__(self) -> None:
+        """Check the attributes that a user chooses."""
+        check_dtype(self.dtype)
+        check_option("observation", self.observation, get_args(ObservationName))
+        check_option("backend", self.backend, get_args(BackendName))
+        check_whole("image_size", self.image_size, 0, MAX_IMAGE, "px")
+        check_limits(self.limits)
+        for name in ("autoreset", "final_observation"):
+            check_flag(name, getattr(self, name))
+        check_instance("strategy", self.strategy, Strategy, "one of iphyre_jax.envs.strategies")
+        check_instance("protocol", self.protocol, EpisodeProtocol, "an EpisodeProtocol")
+        if not isinstance(self.topologies, tuple) or not all(isinstance(one, Topology) for one in self.topologies):
+            raise ValueError(f"topologies: expected a tuple of topologies, got {show(self.topologies)}")
 
     @property
     def worlds(self) -> Worlds:
@@ -99,6 +121,7 @@ class Environment:
         Raises:
             ValueError: a scene has a topology that the environment lacks; one line.
         """
+        check_fork()
         for scene in scenes:
             if cached_world(scene, self.protocol.resets, self.dtype)[0] not in self.topologies:
                 raise ValueError(
@@ -114,7 +137,12 @@ class Environment:
         Args:
             params: the games.
             game: row of the parameters.
+
+        Raises:
+            ValueError: there is no such row; one line.
         """
+        check_params(params)
+        game = check_whole("game", game, 0, params.games - 1)
         topology_id = int(np.asarray(params.topology_id)[game])
         one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[topology_id],))
         return one, self.worlds.single_game(params, game)
@@ -124,7 +152,6 @@ class Environment:
         warnings.warn("Environment.alone: use Environment.single_game", DeprecationWarning, stacklevel=2)
         return self.single_game(params, game)
 
-    @partial(jax.jit, static_argnums=0)
     def reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
         """Begin an episode of a random game, all games being equally likely.
 
@@ -134,11 +161,24 @@ class Environment:
 
         Returns:
             The observation (see `observation_space`) and the state.
+
+        Raises:
+            ValueError: it is not one key, these are no parameters, or JAX lacks the physics' dtype; one line.
         """
-        return self.reset_to(_draw_game(key, params), params)
+        check_fork()  # not in the compiled function, where the child would hang
+        check_key(key)
+        check_params(params)
+        self.check_dtype()
+        with as_interrupts():
+            out: tuple[jax.Array, EnvState] = self._reset(key, params)
+        return out
 
     @partial(jax.jit, static_argnums=0)
-    def reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+    def _reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        out: tuple[jax.Array, EnvState] = self._reset_to(_draw_game(key, params), params)
+        return out
+
+    def reset_to(self, game: ArrayLike, params: EnvParams) -> tuple[jax.Array, EnvState]:
         """Begin an episode of a given game.
 
         Args:
@@ -147,9 +187,20 @@ class Environment:
 
         Returns:
             See `reset`.
+
+        Raises:
+            ValueError: the game is no row of the parameters, or JAX lacks the physics' dtype; one line.
         """
+        check_fork()
+        check_game("game", game, params)
         self.check_dtype()
-        obs, state = self.worlds.reset(params, jnp.asarray(game, jnp.int32))
+        with as_interrupts():
+            out: tuple[jax.Array, EnvState] = self._reset_to(jnp.asarray(game, jnp.int32), params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
+        obs, state = self.worlds.reset(params, game)
         return self._observation(params, state, obs), state
 
     def step(
@@ -170,11 +221,19 @@ class Environment:
             official flags terminated and truncated (() bool) and the info of the state before any reset, see `info`.
 
         Raises:
-            ValueError: the action has a wrong shape or type, or JAX lacks the physics' dtype; one line.
+            ValueError: the action has a wrong shape or type, another argument a wrong type, or JAX lacks the physics'
+                dtype; one line.
         """
+        check_fork()
+        if self.autoreset:
+            check_key(key)
+        check_state(state)
+        check_params(params)
         self.check_dtype()
         out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
-        out = self._step(key, state, self.action_space().array(action), params)
+        checked = self.action_space().array(action)
+        with as_interrupts():
+            out = self._step(key, state, checked, params)
         return out
 
     @partial(jax.jit, static_argnums=0)
@@ -198,6 +257,8 @@ class Environment:
         Returns:
             See `step`.
         """
+        check_state(state)
+        check_game("next_game", next_game, params, NO_GAME)
         before = self.worlds.status(params, state)
         planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
@@ -210,9 +271,17 @@ class Environment:
         obs = self._observation(params, out.state, out.obs)
         return obs, out.state, self.reward(before, out.status), *self.ending(out.status), info
 
-    @partial(jax.jit, static_argnums=0)
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Return the observation of a state."""
+        """Return the observation of a state; ValueError in one line if these are no state and parameters."""
+        check_fork()
+        check_state(state)
+        check_params(params)
+        with as_interrupts():
+            out: jax.Array = self._observe(state, params)
+        return out
+
+    @partial(jax.jit, static_argnums=0)
+    def _observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         obs = None if self.observation == "image" else self.worlds.observe(params, state)
         return self._observation(params, state, obs)
 
@@ -231,7 +300,12 @@ class Environment:
             success, () bool; fault, () int32, 0 for a sound world (see `iphyre_jax.rollouts`); eliminations, () int32,
             blocks removed; time, () float32, seconds played; game, () int32, row of the parameters; with
             `final_observation`, the observation of this state under that name.
+
+        Raises:
+            ValueError: these are no state and parameters; one line.
         """
+        check_state(state)
+        check_params(params)
         info = self._info(self.worlds.status(params, state))
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 

@@ -12,13 +12,16 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_whole
+from iphyre_jax.checks import check_whole, show
+from iphyre_jax.envs.arguments import check_batch, check_key, check_policy
 from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
+
+_MOST_EPISODES = 1_000_000  # of each game
 
 Policy = Callable[[jax.Array, jax.Array], jax.Array]
 """`policy(key, observation) -> action` for one world, in JAX."""
@@ -89,23 +92,25 @@ def evaluate(
 
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
-            ignores its key.
+            ignores its key. It must have a hash. An action of NaN is an error.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
         observation: of the policy, see `make`.
         image_size: px, see `make`.
-        episodes: of each game, all played side by side.
+        episodes: of each game, 1 to 1,000,000 if memory allows, all played side by side.
         key: random key; `jax.random.key(0)` if none is given.
         dtype: of the physics; "float64" needs `jax.enable_x64(True)`.
         limits: of the scenes, see `make`.
 
     Raises:
-        ValueError: one line naming the argument and what was expected.
+        ValueError: one line naming the argument and what was expected; also if the policy gives an action that is not
+            finite.
     """
-    check_whole("episodes", episodes)
-    if not callable(policy):
-        raise ValueError(f"policy: expected a function of a key and an observation, got {policy!r}")
+    check_whole("episodes", episodes, 1, _MOST_EPISODES)
+    check_policy(policy, ("a key", "an observation"))
+    key = jax.random.key(0) if key is None else key
+    check_key(key)
     environment, params = environment_of(
         "evaluation",
         load_scenes(_games(split), limits),
@@ -116,12 +121,29 @@ def evaluate(
         image_size=image_size,
         autoreset=False,
     )
-    batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
-    key = jax.random.key(0) if key is None else key
     decisions = environment.strategy.decisions
+    check_batch("episodes", environment, params.games * episodes, decisions)
+    batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
     with jax.enable_x64(dtype == "float64"):
         _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
+    _check_actions(environment, np.asarray(batch.game), steps)
     return _scores(environment, np.asarray(batch.game), steps)
+
+
+def _check_actions(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> None:
+    """Refuse actions that are not finite: in an environment they do nothing, and a score would hide them.
+
+    Raises:
+        ValueError: one line that names the decision and the game.
+    """
+    action = np.asarray(steps.action)
+    if action.dtype.kind == "f":
+        wrong = ~np.isfinite(action).all(axis=tuple(range(2, action.ndim))) & np.asarray(steps.played)
+        if wrong.any():
+            decision, world = np.argwhere(wrong)[0].tolist()
+            got = action[decision, world]
+            where = f"in decision {decision + 1} of {environment.games[int(game[world])]}"
+            raise ValueError(f"policy: expected finite actions, got {got[~np.isfinite(got)].flat[0]} {where}")
 
 
 def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> Scores:
@@ -153,11 +175,13 @@ def _acting_policy(policy: Policy) -> ActingPolicy:
 
 def _games(split: object) -> object:
     """Return the games of a split's name, or the given scenes."""
-    if split == "all":
-        return GAMES
     if isinstance(split, str):
+        if split == "all":
+            return GAMES
         if split in SPLITS:
             return SPLITS[split]
         if split not in GAMES and not split.endswith(".json"):
-            raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {split!r}")
+            raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {show(split)}")
+    if not isinstance(split, str | PathLike | Sequence):
+        raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {show(split)}")
     return [split] if isinstance(split, str | PathLike) else split

@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import check_integers, check_resets, check_whole, show
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.rules import NEVER, OFFICIAL_FPS, OFFICIAL_RESETS, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE, SceneLike, load_scenes
+from iphyre_jax.scenes.limits import MOST_OBJECTS
 from iphyre_jax.simulation import simulate_many
 
 
@@ -57,7 +59,11 @@ def action_to_times(actions: npt.ArrayLike, slots: int = MAX_ELIMINABLE) -> npt.
     Raises:
         ValueError: another shape or dtype, a NaN or a value outside [0, 1]; one line.
     """
-    checked = np.asarray(actions)
+    check_whole("slots", slots, 1, MOST_OBJECTS)
+    try:
+        checked = np.asarray(actions)
+    except (ValueError, TypeError):  # rows of unequal length, or a value that JAX traces
+        raise ValueError(f"actions: expected an array of shape (B, {slots}), got {show(actions)}") from None
     if checked.dtype not in (np.float32, np.float64):
         raise ValueError(f"actions: expected float32 or float64, got dtype {checked.dtype}")
     if checked.ndim != 2 or checked.shape[1] != slots:
@@ -86,8 +92,8 @@ def play_plans(
         scenes: S names, files or scenes.
         which: (B,) whole numbers in [0, S): the scene of each episode.
         actions: (B, 6) float in [0, 1], see `action_to_times`; slots beyond a scene's blocks do nothing.
-        fps: physics steps a second, a multiple of 10 (the agent's times are tenths of a second).
-        resets: number of the reset of a reused space; 2 is the official environment's.
+        fps: physics steps a second, a multiple of 10 (the agent's times are tenths of a second), 10 to 100,000.
+        resets: number of the reset of a reused space, 1 to 2**31 - 1; 2 is the official environment's.
         dtype: of the physics, "float32" or "float64".
 
     Raises:
@@ -95,12 +101,11 @@ def play_plans(
     """
     loaded = load_scenes(scenes)
     slots = loaded[0].limits.blocks
+    check_resets(resets)
     times = action_to_times(actions, slots)
-    index = np.asarray(which)
-    if index.dtype.kind not in "iu" or index.shape != times.shape[:1]:
-        raise ValueError(
-            f"which: expected {len(times)} whole numbers, one for each action, got {index.dtype} {index.shape}"
-        )
+    index = check_integers("which", which, f"{len(times)} whole numbers, one for each action", 1)
+    if index.shape != times.shape[:1]:
+        raise ValueError(f"which: expected {len(times)} whole numbers, one for each action, got {len(index)}")
     if index.size and (index.min() < 0 or index.max() >= len(loaded)):
         raise ValueError(f"which: expected numbers from 0 to {len(loaded) - 1}, got {index.min()} to {index.max()}")
     blocks = np.array([len(scene.eliminable_blocks) for scene in loaded])[index]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+from iphyre_jax.checks import check_resets, show, whole_fps
 from iphyre_jax.rules import FRAMES
 
 FRAMES_PER_SECOND: Final = 10
@@ -20,11 +21,20 @@ class EpisodeProtocol:
         name: for `make`.
         fps: physics steps a second, a multiple of 10.
         resets: number of the reset of the reused space; it decides the order of contacts.
+
+    Raises:
+        ValueError: a number is out of range; one line.
     """
 
     name: str
     fps: int
     resets: int
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if whole_fps(self.fps) % FRAMES_PER_SECOND:
+            raise ValueError(f"fps: expected a multiple of {FRAMES_PER_SECOND}, got {show(self.fps)}")
+        check_resets(self.resets)
 
     @property
     def steps_per_frame(self) -> int:
@@ -55,4 +65,4 @@ def protocol_named(name: object) -> EpisodeProtocol:
     """
     if isinstance(name, str) and name in PROTOCOLS:
         return PROTOCOLS[name]
-    raise ValueError(f"protocol: expected one of {', '.join(PROTOCOLS)}, got {name!r}")
+    raise ValueError(f"protocol: expected one of {', '.join(PROTOCOLS)}, got {show(name)}")

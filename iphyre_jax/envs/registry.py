@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Final, get_args
 
-from iphyre_jax.checks import check_dtype, check_option, check_whole
-from iphyre_jax.envs.core import BackendName, Environment
+from iphyre_jax.checks import check_dtype, check_flag, check_option, check_whole, show
+from iphyre_jax.envs.core import MAX_IMAGE, BackendName, Environment
 from iphyre_jax.envs.params import EnvParams
 from iphyre_jax.envs.protocols import EpisodeProtocol, protocol_named
 from iphyre_jax.envs.strategies import STRATEGIES, strategy_named
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scenes
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
 
-_MAX_IMAGE: Final = 2400  # px
+_MAX_ID: Final = 100  # characters
 _REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
 
 
@@ -47,8 +48,9 @@ def register(name: str, scenes: Sequence[SceneLike], *, overwrite: bool = False)
         ValueError: the name has another form or is taken, or there are no scenes; one line.
     """
     stem, _, version = name.rpartition("-v") if isinstance(name, str) else ("", "", "")
-    if not stem or not version.isdigit() or "/" in stem:
-        raise ValueError(f'name: expected the form "mine-v1", got {name!r}')
+    form = stem and version.isdecimal() and "/" not in stem and name.isprintable() and len(name) <= _MAX_ID
+    if not form:
+        raise ValueError(f'name: expected the form "mine-v1", of at most {_MAX_ID} characters, got {show(name)}')
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not scenes:
         raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
     if name in _known() and not (name in _REGISTERED and (overwrite or _REGISTERED[name] == tuple(scenes))):
@@ -94,9 +96,11 @@ def make(
     strategy, _, games = id.partition("/") if isinstance(id, str) else ("", "", "")
     sets = _known()
     if strategy not in STRATEGIES or games not in sets:
-        close = get_close_matches(str(id), environment_ids(), n=3)
+        close = get_close_matches(str(id)[:_MAX_ID], environment_ids(), n=3) if isinstance(id, str) else []
         hint = f"did you mean {' or '.join(close)}?" if close else 'they look like "in-advance/basic-v1"'
-        raise ValueError(f"id: expected one of iphyre_jax.environment_ids(), see also register, got {id!r} ({hint})")
+        raise ValueError(
+            f"id: expected one of iphyre_jax.environment_ids(), see also register, got {show(id)} ({hint})"
+        )
     return environment_of(
         id,
         load_scenes(sets[games], limits),
@@ -131,10 +135,14 @@ def environment_of(
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
+    check_fork()
     check_dtype(dtype)
     check_option("observation", observation, get_args(ObservationName))
-    if backend not in (None, *get_args(BackendName)):
-        raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {backend!r}")
+    if backend is not None and (not isinstance(backend, str) or backend not in get_args(BackendName)):
+        raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {show(backend)}")
+    for flag, value in (("autoreset", autoreset), ("final_observation", final_observation)):
+        check_flag(flag, value)
+    check_flag("official_bugs", official_bugs)
     chosen = protocol if isinstance(protocol, EpisodeProtocol) else protocol_named(protocol)
     limits = scenes[0].limits
     compiled = [cached_world(scene, chosen.resets, dtype) for scene in scenes]
@@ -162,4 +170,4 @@ def _image_size(size: int | None, observation: str) -> int:
         return 0
     if size is None:
         return int(SCREEN)
-    return check_whole("image_size", size, 1, _MAX_IMAGE, "px")
+    return check_whole("image_size", size, 1, MAX_IMAGE, "px")

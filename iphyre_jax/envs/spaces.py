@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+
+from iphyre_jax.checks import check_instance, check_option, check_real, check_whole
+from iphyre_jax.memory import check_memory
+
+MAX_AXIS = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -20,6 +26,9 @@ class Box:
         high: upper bound of every entry, included; inf for none.
         shape: of the arrays.
         dtype: "float32" or "uint8".
+
+    Raises:
+        ValueError: the bounds, the shape or the dtype are not such; one line.
     """
 
     low: float
@@ -27,8 +36,23 @@ class Box:
     shape: tuple[int, ...]
     dtype: str = "float32"
 
+    def __post_init__(self) -> None:
+        """Check the attributes."""
+        check_option("dtype", self.dtype, ("float32", "uint8"))
+        for name in ("low", "high"):
+            check_real(name, getattr(self, name))
+        if not self.low <= self.high:
+            raise ValueError(f"low: expected at most high, {self.high}, got {self.low}")
+        for axis in check_instance("shape", self.shape, tuple, "a tuple of whole numbers"):
+            check_whole("shape", axis, 0, MAX_AXIS)
+
     def sample(self, key: jax.Array) -> jax.Array:
-        """Return a random member: uniform between the bounds, standard normal where there are none."""
+        """Return a random member: uniform between the bounds, standard normal where there are none.
+
+        Raises:
+            ValueError: it does not fit into memory; one line.
+        """
+        check_memory("shape", 8 * math.prod(self.shape), "sample a smaller space")
         if not np.isfinite([self.low, self.high]).all():
             return jax.random.normal(key, self.shape, jnp.float32)
         if self.dtype == "uint8":
@@ -57,10 +81,18 @@ class Discrete:
     Attributes:
         n: how many.
         dtype: of a sample.
+
+    Raises:
+        ValueError: n is no whole number from 1 to 2**31 - 1; one line.
     """
 
     n: int
     dtype: str = "int32"
+
+    def __post_init__(self) -> None:
+        """Check the number."""
+        check_whole("n", self.n, 1, MAX_AXIS)
+        check_option("dtype", self.dtype, ("int32", "int64"))
 
     @property
     def shape(self) -> tuple[int, ...]:

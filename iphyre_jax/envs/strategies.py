@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.checks import show
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Discrete, Space
 from iphyre_jax.physics import lanes
@@ -188,7 +189,7 @@ def strategy_named(name: object, *, official_bugs: bool = False, slots: int = MA
         ValueError: no strategy has this name; one line.
     """
     if not isinstance(name, str) or name not in STRATEGIES:
-        raise ValueError(f"strategy: expected one of {', '.join(get_args(StrategyName))}, got {name!r}")
+        raise ValueError(f"strategy: expected one of {', '.join(get_args(StrategyName))}, got {show(name)}")
     if official_bugs and name == "combined":
         return Combined(slots=slots, late_frame=True)
     return replace(STRATEGIES[name], slots=slots)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 from dataclasses import dataclass
@@ -11,9 +12,11 @@ from pathlib import Path
 import jax
 from jax.experimental.compilation_cache import compilation_cache
 
-from iphyre_jax.checks import check_positive, check_whole
+from iphyre_jax.checks import check_positive, check_whole, show
 from iphyre_jax.execution.compilation.cache_folder import CACHE_VARIABLE, OFF_WORDS, default_folder, private_folder
 
+LONGEST_COMPILATION = 1e6  # s
+MOST_DEVICES = 1024
 SHORTEST_COMPILATION = 0.1  # s; JAX's own limit, 1 s, leaves out many of ours
 DEVICE_COUNT_FLAG = "--xla_force_host_platform_device_count"
 
@@ -86,12 +89,13 @@ def configure(
     also gives the cache folder to JAX, which then keeps your own programs there too.
 
     Args:
-        devices: number of threads that play, and of CPU devices that JAX shows if it has not started yet. By default
-            one thread for each usable core, and JAX's own number of devices.
+        devices: number of threads that play, and of CPU devices that JAX shows if it has not started yet, 1 to 1024. By
+            default one thread for each usable core, and JAX's own number of devices.
         cache: folder that keeps compiled programs between processes, made with mode 0700; False for none. By default
             the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's cache folder
             (XDG_CACHE_HOME or ~/.cache). JAX keeps a folder that it already has.
-        compile_timeout: s, longest compilation of one program; a longer one raises TimeoutError; None for no limit.
+        compile_timeout: s, longest compilation of one program, up to 1,000,000; a longer one raises TimeoutError; None
+            for no limit.
         options: deprecated, does nothing; compiler options are never set in this process.
 
     Returns:
@@ -102,9 +106,9 @@ def configure(
             or may write.
     """
     if devices is not None:
-        check_whole("devices", devices)
+        check_whole("devices", devices, 1, MOST_DEVICES)
     if compile_timeout is not None:
-        check_positive("compile_timeout", compile_timeout, "a positive number of seconds or None")
+        check_positive("compile_timeout", compile_timeout, "None or a positive number of seconds", LONGEST_COMPILATION)
     if options is not None:
         text = "configure(options=...) does nothing any more: compiler options are never set in this process"
         warnings.warn(text, DeprecationWarning, stacklevel=2)
@@ -132,8 +136,8 @@ def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Pa
             return None
     if cache is False or (isinstance(cache, str) and cache.lower() in OFF_WORDS):
         return None
-    if not isinstance(cache, str | PathLike):
-        raise ValueError(f"cache: expected a folder, True, False or None, got {cache!r}")
+    if not isinstance(cache, str | PathLike) or not isinstance(os.fspath(cache), str) or "\0" in str(cache):
+        raise ValueError(f"cache: expected a folder, True, False or None, got {show(cache)}")
     return private_folder(Path(cache).expanduser())
 
 
@@ -170,4 +174,10 @@ def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
     jax.config.update("jax_compilation_cache_dir", None if folder is None else str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
     compilation_cache.reset_cache()  # otherwise a process that has already compiled would ignore the folder
+    if folder is not None:
+        with contextlib.suppress(ImportError):  # a JAX with other insides keeps its own files there
+            from iphyre_jax.execution.compilation.jax_cache import NO_PATHS, set_jax_cache
+
+            jax.config.update("jax_persistent_cache_enable_xla_caches", NO_PATHS)
+            set_jax_cache(folder)
     _settings.jax_folder = folder

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any
 
 import jax
@@ -98,7 +98,7 @@ def runner(program: Program, mesh: Mesh | None) -> Run:
     return executable(program) if on_cpu() else _on_accelerators(program, mesh)
 
 
-@cache
+@lru_cache(256)
 def _on_accelerators(program: Program, mesh: Mesh | None) -> Run:
     """Return a program compiled by the user's JAX; on a mesh each device plays its own lanes until they are done."""
     run = program.run

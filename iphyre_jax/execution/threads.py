@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from itertools import count
 from threading import Event
 from typing import TypeVar
 
 from iphyre_jax.execution import configuration
+from iphyre_jax.execution.forks import check_fork
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,28 +28,48 @@ def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Resul
     there is one thread more than there are cores, and no core waits while a group of worlds is packed or collected. An
     error or an interrupt is raised when the running items have ended; the others are dropped.
     """
+    check_fork()
     given = list(items)
     results: dict[int, Result] = {}
     numbers, stop = count(), Event()
 
     def take() -> None:
-        while not stop.is_set() and (k := next(numbers)) < len(given):
-            try:
+        try:
+            while not stop.is_set() and (k := next(numbers)) < len(given):
                 results[k] = work(given[k])
-            except BaseException:
-                stop.set()
-                raise
+        except BaseException:  # an interrupt may come between two items too
+            stop.set()
+            raise
 
     threads = configuration.threads()
-    helpers = [_helpers(threads).submit(take) for _ in range(min(threads, len(given) - 1))]
+    helpers: list[Future[None]] = []
     try:
+        for _ in range(min(threads, len(given) - 1)):
+            helpers.append(_helpers(threads).submit(take))
         take()
+    except BaseException:
+        stop.set()
+        raise
     finally:
         started = [helper for helper in helpers if not helper.cancel()]
-        try:
-            wait(started)
-        finally:
-            stop.set()  # an interrupt of the wait ends the others too
+        _wait(started, stop)
     for helper in started:
         helper.result()
     return [results[k] for k in range(len(given))]
+
+
+def _wait(helpers: Sequence[Future[None]], stop: Event) -> None:
+    """Wait until helpers have ended; an interrupt drops their further items, and is raised when they have ended.
+
+    Nobody may go on before, because helpers write into arrays that may belong to the caller's program.
+    """
+    interrupt: BaseException | None = None
+    while True:
+        try:
+            wait(helpers)
+            break
+        except BaseException as error:
+            stop.set()
+            interrupt = error
+    if interrupt is not None:
+        raise interrupt

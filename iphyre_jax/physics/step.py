@@ -8,14 +8,31 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.checks import show
 from iphyre_jax.physics import joints, solver
 from iphyre_jax.physics.collision import broad_phase, contacts, shapes
-from iphyre_jax.physics.types import Box, BroadPhase, Cache, Motion, Motions, State, Timing, Topology, World
+from iphyre_jax.physics.types import (
+    Box,
+    BroadPhase,
+    Cache,
+    Motion,
+    Motions,
+    State,
+    Timing,
+    Topology,
+    World,
+    check_parts,
+)
 from iphyre_jax.physics.vector import Vec, product
 
 
 def initial_state(topology: Topology, world: World) -> State:
-    """Return a world before its first step: everything rests where the scene puts it."""
+    """Return a world before its first step: everything rests where the scene puts it.
+
+    Raises:
+        ValueError: the world is of another topology, or of no class of ours; one line.
+    """
+    check_parts(topology=topology, world=world)
     start = world.start
     zero = jnp.zeros_like(start.x)
     at_rest = Vec(zero, zero)
@@ -54,7 +71,14 @@ def initial_state(topology: Topology, world: World) -> State:
 
 
 def eliminate(topology: Topology, world: World, state: State, removed: jax.Array) -> State:
-    """Remove static bars, (S,) bool, with their joints and springs. Their cached contacts never match again."""
+    """Remove static bars, (S,) bool, with their joints and springs. Their cached contacts never match again.
+
+    Raises:
+        ValueError: a part is of another class, or `removed` has another shape or type; one line.
+    """
+    check_parts(topology=topology, world=world, state=state)
+    if jnp.shape(removed)[:1] != (topology.num_static,) or jnp.result_type(removed) != jnp.bool_:
+        raise ValueError(f"removed: expected {topology.num_static} flags (and lanes behind), got {show(removed)}")
     alive = state.alive & ~removed
     return replace(state, alive=alive, constraint_rank=joints.close_holes(topology, world, state, alive))
 
@@ -99,7 +123,12 @@ class Stages:
 
 
 def step(topology: Topology, world: World, timing: Timing, state: State) -> State:
-    """Advance one world, or one world a lane, by timing.dt seconds."""
+    """Advance one world, or one world a lane, by timing.dt seconds.
+
+    Raises:
+        ValueError: a part is of another class, or the world of another topology; one line.
+    """
+    check_parts(topology=topology, world=world, timing=timing, state=state)
     return step_with_stages(topology, world, timing, state)[0]
 
 

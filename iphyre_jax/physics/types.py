@@ -12,28 +12,53 @@ topology side by side, each operation one contiguous loop over them); `rollouts`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
-from iphyre_jax.physics.order_keys import OrderKeyLayout
+from iphyre_jax.checks import check_instance, check_whole, show
+from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.vector import Vec
 
 STATIC = -1  # the end of a joint or spring that is held by a static bar
+MAX_BODIES = 15  # moving ones; the tag of a contact point has four bits for each of its two bodies
+MAX_SLOTS = 1024  # of contacts
 
 
 @dataclass(frozen=True)
 class Topology:
-    """What decides the compiled program: which bodies move and what ties them. Hashable."""
+    """What decides the compiled program: which bodies move and what ties them. Hashable.
+
+    At least one body moves, and at most 15 do.
+
+    Raises:
+        ValueError: a number is out of range, or the end of a tie is no body; one line.
+    """
 
     bars: int  # moving bars
     balls: int
-    num_static: int  # room for static bars; `World.valid` marks those that exist
+    num_static: int  # room for static bars, 0 to 64; `World.valid` marks those that exist
     pins: tuple[tuple[int, int], ...]  # moving-body index or STATIC at each end, in list order
     springs: tuple[tuple[int, int], ...]
-    slots: int  # contact points a world may have at once; more is a fault
+    slots: int  # contact points a world may have at once, 1 to 1024; more is a fault
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for name, least, most in (("bars", 0, MAX_BODIES), ("balls", 0, MAX_BODIES), ("num_static", 0, STATIC_RANKS)):
+            check_whole(name, getattr(self, name), least, most)
+        check_whole("slots", self.slots, 1, MAX_SLOTS)
+        if not 1 <= self.moving <= MAX_BODIES:
+            raise ValueError(f"bars, balls: expected 1 to {MAX_BODIES} bodies that move, got {self.moving}")
+        for name in ("pins", "springs"):
+            ties = check_instance(name, getattr(self, name), tuple, "a tuple of pairs of moving bodies")
+            for tie in ties:
+                if not isinstance(tie, tuple) or len(tie) != 2:
+                    raise ValueError(f"{name}: expected pairs of moving bodies, got {show(tie)}")
+                for end in tie:
+                    check_whole(name, end, STATIC, self.moving - 1)
 
     @property
     def moving(self) -> int:
@@ -228,3 +253,26 @@ class State:
     constraint_rank: jax.Array  # (constraints,) int32, in the reference's list; (0,) with fewer than three
     step: jax.Array  # () int32, steps made
     overflow: jax.Array  # () bool, a step had more contact points than slots
+
+
+_PARTS = {"topology": Topology, "world": World, "timing": Timing, "state": State}
+
+
+def check_parts(**parts: object) -> None:
+    """Check the parts of a world by name: topology, world, timing and state; the world's shapes if there is a topology.
+
+    Raises:
+        ValueError: one has another class, or the world is of another topology; one line.
+    """
+    for name, part in parts.items():
+        check_instance(name, part, _PARTS[name], f"a {_PARTS[name].__name__} of iphyre_jax.physics")
+    topology, world = parts.get("topology"), parts.get("world")
+    if not isinstance(topology, Topology) or not isinstance(world, World):
+        return
+    expected = World.shapes(topology, "float32")
+    for field in fields(World):
+        of_topology, given = (jax.tree.leaves(getattr(each, field.name)) for each in (expected, world))
+        for one, leaf in zip(of_topology, given, strict=True):
+            if jnp.shape(leaf)[: len(one.shape)] != one.shape:
+                wanted = f"shape {one.shape} (and lanes behind) of {field.name}, by the topology"
+                raise ValueError(f"world: expected {wanted}, got {jnp.shape(leaf)}")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iphyre_jax.scenes.limits import OFFICIAL, Limits
+from iphyre_jax.checks import check_flag, check_instance, is_list, show
+from iphyre_jax.scenes.limits import OFFICIAL, Limits, check_limits
 from iphyre_jax.scenes.parse import Ball, Point
 from iphyre_jax.scenes.scene import Scene
 
@@ -33,10 +34,13 @@ class SceneBuilder:
     Args:
         name: the name of the scene.
         limits: how many objects it may have.
+
+    Raises:
+        ValueError: an argument of a call has a wrong type, one line; `build` refuses wrong numbers.
     """
 
     def __init__(self, name: str, limits: Limits = OFFICIAL) -> None:
-        self.name, self.limits = name, limits
+        self.name, self.limits = name, check_limits(limits)
         self._blocks: list[tuple[Point, Point, bool, bool]] = []
         self._balls: list[Ball] = []
         self._joints: list[tuple[ObjectRef, ObjectRef]] = []
@@ -51,22 +55,31 @@ class SceneBuilder:
             eliminable: whether the player can remove it.
             dynamic: whether it moves.
         """
+        check_flag("eliminable", eliminable)
+        check_flag("dynamic", dynamic)
         self._blocks.append((start, end, eliminable, dynamic))
         return ObjectRef(False, len(self._blocks) - 1)
 
     def ball(self, centre: Point, radius: float = 20.0) -> ObjectRef:
-        """Add a ball."""
+        """Add a ball.
+
+        Args:
+            centre: x, y, px.
+            radius: px.
+        """
+        if not is_list(centre) or len(centre) != 2:
+            raise ValueError(f"centre: expected x, y in px, got {show(centre)}")
         x, y = centre
         self._balls.append((x, y, radius))
         return ObjectRef(True, len(self._balls) - 1)
 
     def joint(self, first: ObjectRef, second: ObjectRef) -> None:
         """Keep the centres of two objects at their initial distance."""
-        self._joints.append((first, second))
+        self._joints.append(self._checked(first, second))
 
     def spring(self, first: ObjectRef, second: ObjectRef) -> None:
         """Connect the centres of two objects by a spring with a rest length of 20 px."""
-        self._springs.append((first, second))
+        self._springs.append(self._checked(first, second))
 
     def build(self) -> Scene:
         """Return the scene.
@@ -86,6 +99,12 @@ class SceneBuilder:
             springs=self._pairs(self._springs),
             limits=self.limits,
         )
+
+    def _checked(self, first: ObjectRef, second: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
+        """Return two objects; ValueError in one line unless `block` or `ball` has returned both."""
+        for name, ref in (("first", first), ("second", second)):
+            check_instance(name, ref, ObjectRef, "an object that block or ball has returned")
+        return first, second
 
     def _pairs(self, pairs: list[tuple[ObjectRef, ObjectRef]]) -> tuple[tuple[int, int], ...]:
         """Return pairs of object indices; blocks count before balls."""

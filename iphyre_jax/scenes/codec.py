@@ -16,9 +16,9 @@ from typing import Final
 
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.scenes.errors import raise_problems
-from iphyre_jax.scenes.limits import OFFICIAL, Limits
+from iphyre_jax.scenes.limits import OFFICIAL, Limits, check_limits
 from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED
-from iphyre_jax.scenes.scene import Scene
+from iphyre_jax.scenes.scene import Scene, check_is_scene
 from iphyre_jax.scenes.validate import check_scene
 
 SCENE_SCHEMA: Final = "iphyre_jax/scene"
@@ -59,6 +59,8 @@ def scene_from_fields(fields: Mapping[str, object], source: str, limits: Limits 
     Raises:
         ValueError: fields are wrong; one line for each.
     """
+    if limits is not None:
+        check_limits(limits)
     return Scene(**vars(check_scene(fields, source, limits=limits)))
 
 
@@ -70,7 +72,11 @@ def scene_to_dict(scene: Scene) -> dict[str, object]:
 
     Returns:
         All fields of a scene file in order; `limits` only if they are not the official ones.
+
+    Raises:
+        ValueError: it is no Scene; one line.
     """
+    check_is_scene("scene", scene)
     limits = {} if scene.limits == OFFICIAL else {"limits": asdict(scene.limits)}
     return {
         "schema": SCENE_SCHEMA,

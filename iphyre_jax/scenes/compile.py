@@ -9,11 +9,12 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import check_dtype, check_fps, check_resets
 from iphyre_jax.physics import constants as c
 from iphyre_jax.physics.collision.initial_order import Insertion, point_classes, replay_insertion
 from iphyre_jax.physics.types import STATIC, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec
-from iphyre_jax.scenes.scene import Scene
+from iphyre_jax.scenes.scene import Scene, check_is_scene
 
 STATIC_ROOM = 10  # scenes with at most so many static bars share a program; larger ones take the next even number
 SLOT_LIMIT = 16
@@ -86,9 +87,18 @@ def _slots(bars: int, balls: int) -> int:
 def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> tuple[Topology, World]:
     """Return topology and numbers of a scene.
 
-    resets: number of the reset of a reused space, 1 for a fresh one. It decides solve order and contact ids.
-    dtype: "float32" or "float64", of the floating arrays (NumPy; integers are int32).
+    Args:
+        scene: the scene.
+        resets: number of the reset of a reused space, 1 to 2**31 - 1, 1 for a fresh one. It decides solve order and
+            contact ids.
+        dtype: "float32" or "float64", of the floating arrays (NumPy; integers are int32).
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
     """
+    check_is_scene("scene", scene)
+    check_resets(resets)
+    check_dtype(dtype)
     topology, bodies = topology_of(scene), _Bodies(scene)
     insertion, n_objects = bodies.insertion(resets), len(bodies.moving)
     statics, movers, bars = list(insertion.static_order), bodies.movers, bodies.movers[: topology.bars]
@@ -167,8 +177,16 @@ def step_timing(fps: float, dtype: str) -> Timing:
     """Return what follows from dt = 1/fps, computed in float64 and stored in `dtype`.
 
     bias = 1 - base^dt; the spring's decay is 1 - exp(-damping dt k), k the sum of the ends' inverse masses.
+
+    Args:
+        fps: physics steps a second, from 0.001 to 100,000.
+        dtype: "float32" or "float64".
+
+    Raises:
+        ValueError: one line naming the argument and what was expected.
     """
-    dt = 1.0 / fps
+    dt = 1.0 / check_fps(fps)
+    check_dtype(dtype)
     decay = [1.0 - math.exp(-c.SPRING_DAMPING * dt * k) for k in (1.0, 2.0)]
     values = (dt, 1.0 - c.BIAS_BASE**dt, c.GRAVITY * dt, decay)
     return Timing(*(_array(value, dtype) for value in values))

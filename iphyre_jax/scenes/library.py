@@ -14,7 +14,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.files import parse_json
 from iphyre_jax.scenes.codec import check_object, scene_from_fields
 from iphyre_jax.scenes.files import read_scene
-from iphyre_jax.scenes.limits import Limits
+from iphyre_jax.scenes.limits import Limits, check_limits
 from iphyre_jax.scenes.scene import Scene
 
 LIBRARY_SCHEMA: Final = "iphyre_jax/scenes"
@@ -72,6 +72,8 @@ def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
         OSError: the file cannot be read.
         ValueError: there is no such game, or the file is wrong; one line for each wrong field.
     """
+    if limits is not None:
+        check_limits(limits)
     if isinstance(scene, str) and scene in _ALL_GAMES:
         scene = _package_game(scene)
     if isinstance(scene, Scene):

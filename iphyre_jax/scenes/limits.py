@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
+
+from iphyre_jax.checks import check_instance, show
 
 MAX_OBJECTS: Final = 12  # rows of the official observation (IPHYREEnv.py)
 MAX_ELIMINABLE: Final = 6  # entries of the official plan (IPHYREEnv.py)
@@ -36,7 +38,7 @@ class Limits:
             value = getattr(self, name)
             if type(value) is not int or not least <= value <= MOST_OBJECTS:
                 raise ValueError(
-                    f"limits: {name}: expected a whole number from {least} to {MOST_OBJECTS}, got {value!r}"
+                    f"limits: {name}: expected a whole number from {least} to {MOST_OBJECTS}, got {show(value)}"
                 )
 
     @classmethod
@@ -47,3 +49,8 @@ class Limits:
 
 
 OFFICIAL: Final = Limits()
+
+
+def check_limits(limits: object) -> Limits:
+    """Return `limits`; ValueError in one line unless they are Limits."""
+    return cast(Limits, check_instance("limits", limits, Limits, "Limits, such as Limits(objects=20, blocks=8)"))

@@ -21,6 +21,7 @@ Row = TypeVar("Row")
 REQUIRED: Final = ("block", "ball", "eli", "dynamic")
 OPTIONAL: Final = ("joint", "spring")
 
+_MANY: Final = 10_000  # numbers in one array; more are refused before Python's own are made of them
 _LEVELS: Final = 4  # of nesting in the deepest field: bars, bar, end point, number
 
 
@@ -69,7 +70,7 @@ def parse_scene(
     objects, pairs = limits.objects, limits.objects * (limits.objects - 1) // 2
 
     def rows(key: str, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
-        return parser.rows(labels[key], _plain(fields.get(key, [])), form, read, most)
+        return parser.rows(labels[key], fields.get(key, []), form, read, most)
 
     raw = RawScene(
         name=parser.name(fields.get("name")),
@@ -121,7 +122,12 @@ class _FieldParser:
             self.problems.append(one_line(str(error)))
             return OFFICIAL
 
-    def rows(self, label: str, value: object, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
+    def rows(self, label: str, given: object, form: str, read: Callable[[str, object], Row], most: int) -> list[Row]:
+        large = given.size > _MANY if isinstance(given, np.ndarray) else False
+        if large or (isinstance(given, (list, tuple)) and len(given) > most):  # before a copy is made
+            self.report(label, f"at most {most} entries", given)
+            return []
+        value = _plain(given)
         if not isinstance(value, (list, tuple)):
             self.report(label, f"a list of {form}", value)
             return []

@@ -1,13 +1,13 @@
 """The class Scene, which validates its fields."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import show
-from iphyre_jax.scenes.limits import OFFICIAL, Limits
+from iphyre_jax.checks import check_instance, show
+from iphyre_jax.scenes.limits import MOST_OBJECTS, OFFICIAL, Limits, check_limits
 from iphyre_jax.scenes.validate import Labels, check_scene
 
 _LABELS: Final[Labels] = {
@@ -52,6 +52,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         """Check the fields and convert them to arrays and tuples."""
+        check_limits(self.limits)
         given = {key: getattr(self, label) for key, label in _LABELS.items()}
         flags = {key: _as_flags(given[key]) for key in ("eli", "dynamic")}
         raw = check_scene({"name": self.name} | given | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
@@ -97,10 +98,15 @@ class Scene:
         return hash(self._identity())
 
 
+def check_is_scene(name: str, scene: object) -> Scene:
+    """Return `scene`; ValueError in one line unless it is a Scene."""
+    return cast(Scene, check_instance(name, scene, Scene, "a Scene, as load_scene returns it"))
+
+
 def _as_flags(value: object) -> object:
-    """Turn booleans into 0 and 1, as in a scene file."""
-    entries = value.tolist() if isinstance(value, np.ndarray) else value
-    if not isinstance(entries, (list, tuple)):
+    """Turn booleans into 0 and 1, as in a scene file; what is too long for any scene stays, to be refused."""
+    entries = value.tolist() if isinstance(value, np.ndarray) and value.size <= 2 * MOST_OBJECTS else value
+    if not isinstance(entries, (list, tuple)) or len(entries) > 2 * MOST_OBJECTS:
         return entries
     return [int(entry) if isinstance(entry, (bool, np.bool_)) else entry for entry in entries]
 

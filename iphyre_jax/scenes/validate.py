@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from iphyre_jax.checks import show
 from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.limits import MAX_MOVING, MIN_LENGTH, Limits
 from iphyre_jax.scenes.parse import OPTIONAL, REQUIRED, Pair, RawScene, parse_scene
@@ -99,7 +100,7 @@ def _pair_problem(raw: RawScene, pair: Pair, is_pin: bool) -> str:
     last = len(raw.dynamic) - 1
     for i, index in enumerate(pair):
         if not 0 <= index <= last:
-            return f"[{i}]: expected an object index from 0 to {last}, got {index}"
+            return f"[{i}]: expected an object index from 0 to {last}, got {show(index)}"
     a, b = pair
     if a == b:
         return f": expected two different objects, got {a} twice"

@@ -13,13 +13,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_least, check_whole
+from iphyre_jax.checks import MAX_SEED, check_flag, check_least, check_whole, show
+from iphyre_jax.memory import check_memory
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes.geometry import TOLERANCE, Floats, Layouts, gaps, outside
-from iphyre_jax.scenes.limits import MIN_LENGTH
-from iphyre_jax.scenes.scene import Scene
+from iphyre_jax.scenes.limits import MAX_COORDINATE, MIN_LENGTH
+from iphyre_jax.scenes.scene import Scene, check_is_scene
 
 VALID: Final = ""
+_MOST: Final = 1_000_000  # variations in a call
+_MOST_STRETCH: Final = 100.0
+_BYTES_OF_PAIR: Final = 150  # of the numbers that lead to the gap of two objects; measured: at most 140
+_BYTES_OF_SCENE: Final = 10_000  # of a Scene and its arrays
 _EXTRA_LENGTH: Final = (20.0, 120.0)  # px, of an added block's axis
 
 
@@ -118,18 +123,19 @@ def vary(
 
     Args:
         scene: the original.
-        count: how many to draw; refused ones are not replaced.
-        seed: of the random numbers, 0 or more.
+        count: how many to draw, 1 to 1,000,000, if memory allows; refused ones are not replaced.
+        seed: of the random numbers, 0 to 2**63 - 1.
         mirrored: mirror each variation with a probability of one half.
-        shift_px: px, the largest shift of the whole scene in each direction.
-        scale_by: positions are stretched by a factor from 1 / scale_by to scale_by; at least 1.
-        jitter_px: px, the largest shift of each block and ball on its own in each direction.
+        shift_px: px, the largest shift of the whole scene in each direction, 0 to 10,000.
+        scale_by: positions are stretched by a factor from 1 / scale_by to scale_by; 1 to 100.
+        jitter_px: px, the largest shift of each block and ball on its own in each direction, 0 to 10,000.
         extra_blocks: how many static blocks to add at random places; they cannot be removed.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
     _check_arguments(scene, count, seed, shift_px, scale_by, jitter_px, extra_blocks)
+    check_flag("mirrored", mirrored)
     rng = np.random.default_rng(seed)
     chance = rng.random(count) < 0.5
     layouts = mirror(Layouts.of(scene, count), chance & mirrored)
@@ -153,12 +159,17 @@ def vary(
 def _check_arguments(
     scene: Scene, count: int, seed: int, shift_px: float, scale_by: float, jitter_px: float, extra_blocks: int
 ) -> None:
-    for name, whole, least in (("count", count, 1), ("seed", seed, 0), ("extra_blocks", extra_blocks, 0)):
-        check_whole(name, whole, least)
-    for name, number, lowest in (("shift_px", shift_px, 0), ("scale_by", scale_by, 1), ("jitter_px", jitter_px, 0)):
-        check_least(name, number, lowest)
+    check_is_scene("scene", scene)
+    check_whole("count", count, 1, _MOST)
+    check_whole("seed", seed, 0, MAX_SEED)
+    check_whole("extra_blocks", extra_blocks, 0)
+    for name, number in (("shift_px", shift_px), ("jitter_px", jitter_px)):
+        check_least(name, number, 0, MAX_COORDINATE)
+    check_least("scale_by", scale_by, 1, _MOST_STRETCH)
     if extra_blocks > (most := scene.limits.objects - scene.n_objects):
-        raise ValueError(f"extra_blocks: expected at most {most} for {scene.name}, got {extra_blocks}")
+        raise ValueError(f"extra_blocks: expected at most {most} for {scene.name}, got {show(extra_blocks)}")
+    pairs = (scene.n_objects + extra_blocks) ** 2  # their gaps are worked out for all variations at once
+    check_memory("count", count * (_BYTES_OF_PAIR * pairs + _BYTES_OF_SCENE), "draw fewer at a time, with other seeds")
 
 
 def _random_blocks(rng: np.random.Generator, count: int, blocks: int) -> Floats:

@@ -96,7 +96,11 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
         config: of the run; it gives strategy, rate, resets, type and seed.
         learner: state of its algorithm.
         games: names of games of the package.
+
+    Raises:
+        ValueError: a number of the policy is not finite; one line that names its array.
     """
+    _require_finite(algorithm(config).inference_state(learner))
     agent, episodes = algorithm(config), 1 + config.sampled_episodes
     first = np.arange(len(games) * episodes) % episodes == 0
 
@@ -121,6 +125,14 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
         for index, game in enumerate(games)
     )
     return Evaluation(scores, int((stats.fault != 0).sum()))
+
+
+def _require_finite(state: State) -> None:
+    """Refuse a policy with a NaN or an infinity: what it would do is an accident, and no score of its training."""
+    for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not bool(jnp.isfinite(leaf).all()):
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
 
 
 def _score(stats: EpisodeStats, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:

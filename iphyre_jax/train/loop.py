@@ -8,17 +8,22 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from iphyre_jax.files import locked
 from iphyre_jax.train import trainer
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.logs import Log
 from iphyre_jax.train.trainer import Metrics, RunState, Trainer
+
+SIGNALS: Final = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # that end a process; Windows has no SIGHUP
 
 
 class TrainingResult(NamedTuple):
@@ -33,7 +38,8 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
     """Train a policy and write its run folder.
 
     An interrupt (Ctrl-C) ends the training early; the folder then holds the checkpoint, the metrics and the curve up
-    to that point.
+    to that point. So does any signal whose handler raises KeyboardInterrupt, as those of the command line do. A signal
+    that comes while something is being saved waits for the end of it.
 
     Args:
         config: all settings.
@@ -41,11 +47,15 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         console: for the folder's name and the progress bar.
 
     Raises:
-        ValueError: one line, if the folder is in use.
+        ValueError: one line, if the folder is not empty.
+        OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
-    runs.create(folder, config)
-    console.print(f"Run folder: {folder}")
-    return _continue(config, folder, trainer.start(config), console)
+    config.check()
+    runs.make_folder(folder)
+    with locked(folder):
+        runs.create(folder, config)
+        console.print(f"Run folder: {folder}")
+        return _continue(config, folder, trainer.start(config), console)
 
 
 def resume(folder: Path, console: Console, name: str | None = None) -> TrainingResult:
@@ -56,17 +66,19 @@ def resume(folder: Path, console: Console, name: str | None = None) -> TrainingR
     Raises:
         FileNotFoundError, ValueError: one line; the folder is no run, or the checkpoint is damaged or from other
             versions of the packages.
+        OSError: one line; another process trains there, or a file cannot be written.
     """
     config = runs.read_config(folder)
-    if name is None and not checkpoint.names(folder):
-        state = trainer.start(config)
-    else:
-        state = checkpoint.load(folder, config, name, to_resume=True)
-    for later in checkpoint.names(folder):
-        if int(later) > int(state.update):  # damaged, else it would have been chosen
-            checkpoint.remove(folder, later)
-    console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
-    return _continue(config, folder, state, console)
+    with locked(folder):
+        if name is None and not checkpoint.names(folder):
+            state = trainer.start(config)
+        else:
+            state = checkpoint.load(folder, config, name, to_resume=True)
+        for later in checkpoint.names(folder):
+            if int(later) > int(state.update):  # damaged, else it would have been chosen
+                checkpoint.remove(folder, later)
+        console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
+        return _continue(config, folder, state, console)
 
 
 def _continue(config: TrainConfig, folder: Path, state: RunState, console: Console) -> TrainingResult:
@@ -80,20 +92,24 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
             task = progress.add_task("train", total=config.updates, completed=int(state.update), status=status)
             for _ in range(int(state.update), config.updates):
                 metrics = trained.update_step()
-                log.add(metrics)
+                with _signals_held():
+                    log.add(metrics)
+                    state = trained.state  # what is saved has a line, whenever an interrupt or a full disk comes
+                    if time.monotonic() - saved >= config.checkpoint_seconds:
+                        checkpoint.save(folder, config, state)
+                        saved = time.monotonic()
                 progress.update(task, advance=1, status=_status(metrics, config))
-                if time.monotonic() - saved >= config.checkpoint_seconds:
-                    checkpoint.save(folder, config, trained.state)
-                    saved = time.monotonic()
         finished = True
     except KeyboardInterrupt:
         console.print("Interrupted; saving the run.")
     finally:
-        with _uninterrupted():
-            checkpoint.save(folder, config, trained.state)
-            log.close()
+        with _signals_held(drop=not finished):
+            try:
+                checkpoint.save(folder, config, state)
+            finally:
+                log.close()
             draw_curve(folder, config)
-    return TrainingResult(folder, trained.state, finished)
+    return TrainingResult(folder, state, finished)
 
 
 def _progress(console: Console) -> Progress:
@@ -117,13 +133,22 @@ def _status(metrics: Metrics, config: TrainConfig) -> str:
 
 
 @contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C while a run is being saved (only the main thread can)."""
+def _signals_held(*, drop: bool = False) -> Iterator[None]:
+    """Hold back Ctrl-C and other signals that interrupt while files are written; they come at the end, or never.
+
+    Signals without a handler in Python keep their meaning. Only the main thread can do this; no other is interrupted.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    previous = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    held: list[int] = []
+    handlers = {number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))}
+    for number in handlers:
+        signal.signal(number, lambda came, _: held.append(came))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, previous)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if held and not drop:
+        signal.raise_signal(held[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
+from functools import lru_cache
 from itertools import chain, islice
 from typing import Final
 
@@ -36,7 +36,7 @@ def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Sc
     return scenes, config.episodes_per_scene // groups
 
 
-@cache
+@lru_cache(256)
 def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple[Scene, ...]:
     """`count` valid variations of a game, spread evenly over the numbers of added blocks; fewer after TRIES draws each.
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from iphyre_jax.checks import check_whole, one_line
+from iphyre_jax.checks import check_flag, check_instance, check_least, check_whole, is_list, one_line, show
 from iphyre_jax.viewer.painter import SUPERSAMPLING, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme
@@ -19,6 +19,7 @@ TRAIL_POINTS = 60  # most lines in a trail
 MIN_SIZE, MAX_SIZE = 64, 2000  # px
 MAX_TITLE = 60  # characters
 MAX_SECONDS = 60
+MAX_FRAME = 10**9
 ROOMY = 300  # px; captions of smaller pictures are shortened
 
 Frame = npt.NDArray[np.uint8]
@@ -54,8 +55,9 @@ class Look:
         theme(self.theme)
         check_whole("size", self.size, MIN_SIZE, MAX_SIZE, "px")
         for name in ("fade", "trail_seconds"):
-            if not 0 <= getattr(self, name) <= MAX_SECONDS:
-                raise ValueError(f"{name}: expected seconds from 0 to {MAX_SECONDS}, got {getattr(self, name)!r}")
+            check_least(name, getattr(self, name), 0, MAX_SECONDS, "seconds")
+        for name in ("captions", "trails", "mark"):
+            check_flag(name, getattr(self, name))
 
     @property
     def caption_height(self) -> int:
@@ -165,6 +167,7 @@ def still(
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
+    check_whole("frame", frame, -MAX_FRAME, MAX_FRAME)
     cameras = _cameras(plays, look, titles)
     return np.asarray(side_by_side([camera.image(frame) for camera in cameras], cameras[0].colours))
 
@@ -192,8 +195,8 @@ def frames(
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
-    if every < 1 or not 0 <= hold <= MAX_SECONDS:
-        raise ValueError(f"every, hold: expected at least 1 step and 0 to {MAX_SECONDS} s, got {every!r} and {hold!r}")
+    check_whole("every", every, 1, MAX_FRAME)
+    check_least("hold", hold, 0, MAX_SECONDS, "seconds")
     cameras = _cameras(plays, look, titles)
     steps = max(camera.recording.steps for camera in cameras)
     stops = [*range(0, steps, every), steps]
@@ -203,7 +206,13 @@ def frames(
 
 def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
     """Return a camera for each play."""
+    if not isinstance(plays, Recording) and not is_list(plays):
+        raise ValueError(f"plays: expected one or more recordings, got {show(plays)}")
     recordings = [plays] if isinstance(plays, Recording) else list(plays)
+    for recording in recordings:
+        check_instance("plays", recording, Recording, "recordings")
+    if look is not None:
+        check_instance("look", look, Look, "a Look")
     rates = sorted({recording.fps for recording in recordings})
     if len(rates) != 1:
         raise ValueError(f"plays: expected at least one, all at one frame rate, got {len(recordings)} at {rates}")

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.checks import one_line, show
-from iphyre_jax.files import parse_json
-from iphyre_jax.scenes import load_scene
+from iphyre_jax.files import MAX_JSON_BYTES, parse_json
+from iphyre_jax.scenes import GAMES, SCENE_SCHEMA, SPLITS, load_scene
 from iphyre_jax.scenes.limits import MAX_NAME
-from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, play_from_json, read_plays
+from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
 
 BEST: Final = "best"
 
@@ -27,13 +27,39 @@ def load_plays(source: str | Path) -> list[Play]:
     Raises:
         FileNotFoundError, OSError, ValueError: one line that names the source and what was expected.
     """
+    return list(each_play(source))
+
+
+def each_play(source: str | Path) -> Iterator[Play]:
+    """Yield the plays of a source; of a long file one line at a time is in memory. Arguments as for `load_plays`."""
     if str(source) == BEST:
-        return list(best_plays().values())
-    path = Path(source)
-    plays = _plays_of_run(path) if path.is_dir() else read_plays(path)
-    if not plays:
+        yield from best_plays().values()
+        return
+    if not isinstance(source, str | Path) or "\0" in str(source):
+        raise ValueError(f"source: expected a file of plays, a run folder or {BEST}, got {show(source)}")
+    path, count = Path(source), 0
+    _refuse_scene(str(source), path)
+    for play in _plays_of_run(path) if path.is_dir() else iter_plays(path):
+        count += 1
+        yield play
+    if not count:
         raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
-    return plays
+
+
+def _refuse_scene(source: str, path: Path) -> None:
+    """Say what draws a scene, if that is what was given instead of plays; ValueError in one line."""
+    name, wanted = one_line(source), "expected a file of plays (JSON lines), a run folder or best"
+    if not path.exists() and (source in GAMES or source in SPLITS["unseen_basic"]):
+        raise ValueError(f"{name}: {wanted}, got a game; `iphyre-jax render {name}` draws it")
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return
+    with path.open("rb") as file:
+        try:
+            content = parse_json(file.read(MAX_JSON_BYTES + 1), name)
+        except ValueError:
+            return  # `read_plays` says what is wrong
+    if isinstance(content, Mapping) and content.get("schema") == SCENE_SCHEMA:
+        raise ValueError(f"{name}: {wanted}, got a scene; `iphyre-jax render {name}` draws it")
 
 
 @cache

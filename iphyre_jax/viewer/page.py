@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 import iphyre_jax
+from iphyre_jax.checks import is_list, show
 from iphyre_jax.files import replace_bytes
 from iphyre_jax.scenes import Scene, scene_to_dict
 from iphyre_jax.viewer import themes
@@ -38,8 +39,8 @@ def replay_page(plays: Sequence[tuple[str, Recording]], *, title: str = "I-PHYRE
     Raises:
         ValueError: there is no play.
     """
-    if not plays:
-        raise ValueError("plays: expected at least one")
+    if not is_list(plays) or not plays:
+        raise ValueError(f"plays: expected at least one, got {show(plays)}")
     scenes: dict[Scene, int] = {}
     entries = []
     for agent, recording in plays:

@@ -1,5 +1,8 @@
 """Files of plays: JSON lines, each with a scene, a plan and its result. Every line can be replayed.
 
+A damaged line (no JSON object: half a line of a process that was killed, bytes that a disk has lost) is skipped with a
+warning. A line that is whole but wrong is refused, because somebody meant it.
+
 {"schema": "iphyre_jax/play", "version": 1, "agent": "you", "scene": "hole",     a game, or the contents of a scene file
  "plan": [-1, -1, 83, 32],       the step before which each eliminable block is removed, -1 for never
  "fps": 60, "dtype": "float64", "resets": 1,
@@ -11,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +26,7 @@ from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict,
 from iphyre_jax.scenes.codec import check_object
 from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.limits import MAX_NAME
+from iphyre_jax.viewer import line_files
 from iphyre_jax.viewer.recording import Recording, record
 
 SCHEMA: Final = "iphyre_jax/play"
@@ -29,10 +34,10 @@ VERSION: Final = 1
 FIELDS: Final = ("schema", "version", "agent", "scene", "plan", "fps", "dtype", "resets", "result", "facts")
 RESULT_FIELDS: Final = ("solved", "steps", "eliminations", "reward")
 MAX_LINE: Final = 100_000  # bytes of one play; a scene takes about 1 kB
-MAX_PLAYS: Final = 10_000  # in one file
 MAX_FPS: Final = 1000
 DTYPES: Final = ("float64", "float32")
 
+_BEGIN: Final = b'{"schema": "iphyre_jax/play"'  # of each line that `append_play` writes
 _GAME_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
 
 
@@ -88,39 +93,114 @@ def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) 
 
 
 def append_play(path: Path, line: Mapping[str, object]) -> None:
-    """Add a line to a file of plays. It is on disk when this function returns."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    """Add a line to a file of plays. It is on disk when this function returns; after an error nothing was added.
+
+    Raises:
+        OSError: the file cannot be written.
+        ValueError: the line has more than MAX_LINE bytes.
+    """
+    content = json.dumps(line, allow_nan=False).encode()
+    line_files.append_line(path, content, _BEGIN, _is_object, MAX_LINE)
+
+
+def open_plays(path: Path) -> None:
+    """Make ready a file of plays to which attempts will be added: a torn last line is cut, with a warning.
+
+    A file that is missing stays missing.
+
+    Raises:
+        OSError: it cannot be read or written.
+        ValueError: it is no file, or holds something else than plays; one line.
+    """
+    if not path.exists():
+        return
+    name = one_line(str(path))
+    if not path.is_file():
+        raise ValueError(f"{name}: expected a file of plays, got something that is no file")
+    is_empty = True
+    for _, content in line_files.read_lines(path, MAX_LINE):
+        if content is not None and (_BEGIN.startswith(content) or content.startswith(_BEGIN) or _is_play(content)):
+            break
+        is_empty &= content is not None and not content.strip()
+    else:
+        if not is_empty:
+            raise ValueError(f"{name}: expected a file of plays, got something else; attempts are not added to it")
+    line_files.mend_file(path, _BEGIN, _is_object, MAX_LINE)
 
 
 def read_plays(path: str | os.PathLike[str]) -> list[Play]:
-    """Read a file of plays.
+    """Read a file of plays of any length; `iter_plays` takes less memory.
 
     Raises:
         FileNotFoundError: there is no such file.
         OSError: it cannot be read.
         ValueError: a line is wrong; the message names file, line and field.
     """
-    return list(_read_lines(Path(path)))
+    return list(iter_plays(path))
 
 
-def _read_lines(path: Path) -> Iterator[Play]:
+def iter_plays(path: str | os.PathLike[str]) -> Iterator[Play]:
+    """Yield the plays of a file, one line in memory at a time; errors are those of `read_plays`.
+
+    Damaged lines are skipped, with one warning at the end. If all lines are damaged, the file is something else.
+    """
     name = one_line(str(path))
-    if not path.is_file():
+    if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: expected a file of plays, but there is none")
-    with path.open("rb") as file:
-        count = 0
-        while content := file.readline(MAX_LINE + 1):
-            count += 1
-            source = f"{name}: line {count}"
-            if len(content) > MAX_LINE:
-                raise ValueError(f"{source}: expected at most {MAX_LINE} bytes, got more")
-            if count > MAX_PLAYS:
-                raise ValueError(f"{name}: expected at most {MAX_PLAYS} plays, got more")
-            if content.strip():
-                yield play_from_json(parse_json(content, source), source)
+    read, damaged = 0, line_files.Damage()
+    for number, content in line_files.read_lines(Path(path), MAX_LINE):
+        source = f"{name}: line {number}"
+        if content is not None and not content.strip():
+            continue
+        try:
+            fields = _parse_line(content, source)
+        except ValueError as error:
+            is_torn = content is not None and not content.endswith(b"\n") and content.startswith(_BEGIN[: len(content)])
+            damaged.add(number, None if is_torn else error)
+            continue
+        yield play_from_json(fields, source)
+        read += 1
+    if damaged.first is not None and not read:
+        raise damaged.first
+    if damaged.count:
+        warnings.warn(f"{name}: {damaged.describe()}", RuntimeWarning, stacklevel=2)
+
+
+def _parse_line(content: bytes | None, source: str) -> Mapping[str, object]:
+    """Return the object in a line.
+
+    Earlier versions glued an attempt to the half line before it; such an attempt is found there.
+
+    Raises:
+        ValueError: the line is damaged; one line.
+    """
+    if content is None:
+        raise ValueError(f"{source}: expected at most {MAX_LINE} bytes, got more")
+    try:
+        fields = parse_json(content, source)
+    except ValueError:
+        glued = content.rfind(_BEGIN)  # it cannot stand inside a text, where quotes are escaped
+        if glued <= 0:
+            raise
+        fields = parse_json(content[glued:], source)
+    if not isinstance(fields, Mapping):
+        raise ValueError(f"{source}: expected an object with the fields {', '.join(FIELDS)}, got {show(fields)}")
+    return fields
+
+
+def _is_object(content: bytes) -> bool:
+    try:
+        return isinstance(parse_json(content, ""), Mapping)
+    except ValueError:
+        return False
+
+
+def _is_play(content: bytes) -> bool:
+    """Return whether a line is meant as a play, right or wrong."""
+    try:
+        return _parse_line(content, "").get("schema") == SCHEMA
+    except ValueError:
+        return False
 
 
 def play_from_json(data: object, source: str) -> Play:

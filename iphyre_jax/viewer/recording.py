@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_dtype, check_whole, whole_fps
+from iphyre_jax.checks import check_dtype, check_integers, check_resets, show, whole_fps
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.compilation.executables import executable
+from iphyre_jax.execution.compilation.executables import executable, load_cached
+from iphyre_jax.memory import check_memory
 from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
 from iphyre_jax.scenes import Scene
-from iphyre_jax.scenes.compile import step_timing
+from iphyre_jax.scenes.compile import step_timing, topology_of
+from iphyre_jax.scenes.scene import check_is_scene
 from iphyre_jax.viewer.record_program import Frames, RecordProgram
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -77,7 +79,11 @@ class Recording:
         Raises:
             ValueError: one line that names the argument and what was expected.
         """
-        steps, filled, rate = _full_plan(scene, plan), np.array(poses, np.float64), whole_fps(fps)
+        steps, rate = _full_plan(scene, plan), whole_fps(fps)
+        try:
+            filled = np.array(poses, np.float64)
+        except (ValueError, TypeError):
+            raise ValueError(f"poses: expected numbers of shape (F, {scene.n_objects}, 3), got {show(poses)}") from None
         if filled.ndim != 3 or not len(filled) or filled.shape[1:] != (scene.n_objects, 3):
             raise ValueError(f"poses: expected shape (F, {scene.n_objects}, 3), got {filled.shape}")
         filled = np.where(np.isnan(filled), filled[:1], filled)  # only static bars are removed; they stay in place
@@ -111,23 +117,22 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         scene: the scene to play.
         plan: (S,) integers, for each eliminable block the step before which it is removed, -1 for never; blocks without
             an entry stay.
-        fps: physics steps a second.
+        fps: physics steps a second, a whole number of at most 100,000, if the scene allows as many steps as 15 s take.
         dtype: number type of the physics, "float64" or "float32".
-        resets: number of the reset in a reused space; 1 is a fresh space.
+        resets: number of the reset in a reused space, 1 to 2**31 - 1; 1 is a fresh space.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
-    topology, world = cached_world(scene, check_whole("resets", resets), check_dtype(dtype))
-    length = int(TIME_LIMIT * rate)
-    if length > (limit := topology.max_steps):
-        raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
-    padded = np.full(scene.limits.blocks, NEVER, np.int32)
+    topology, world = cached_world(scene, check_resets(resets), check_dtype(dtype))
+    program = record_program(scene, fps=rate, dtype=dtype)
+    frame = 3 * 8 * (5 * scene.n_objects + 2 * topology.slots)  # as JAX's, as NumPy's, and cut to the length
+    check_memory("fps", program.length * frame, "record at a lower rate")
+    padded = np.full(program.columns, NEVER, np.int32)
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
-    program = executable(RecordProgram(topology, dtype, len(padded), length))
-    counts, *frames = program(words, padded, programs.pack_timing(step_timing(rate, dtype)))
+    counts, *frames = executable(program)(words, padded, programs.pack_timing(step_timing(rate, dtype)))
     success, made, eliminations, fault = counts.tolist()
     reward = episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)
     poses, velocities, points = _object_arrays(scene, Frames(*frames), made + 1)
@@ -135,11 +140,25 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
     return Recording(scene, tuple(steps), rate, dtype, int(resets), poses, velocities, points, *result)
 
 
+def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> RecordProgram:
+    """Return the program that `record` runs for such a recording; arguments and errors are those of `record`."""
+    topology, length = topology_of(scene), int(TIME_LIMIT * whole_fps(fps))
+    if length > (limit := topology.max_steps):
+        raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
+    return RecordProgram(topology, check_dtype(dtype), scene.limits.blocks, length)
+
+
+def is_compiled(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> bool:
+    """Return whether `record` needs no compilation: the program is in memory, or now loaded from the cache folder."""
+    return load_cached(record_program(scene, fps=fps, dtype=dtype))
+
+
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     """Check a plan and return it with an entry for each eliminable block."""
-    entries, blocks = np.asarray(plan), len(scene.eliminable_blocks)
-    if entries.ndim != 1 or (entries.size and entries.dtype.kind not in "iu") or len(entries) > blocks:
-        raise ValueError(f"plan: expected at most {blocks} integers, got {entries.dtype} of shape {entries.shape}")
+    blocks = len(check_is_scene("scene", scene).eliminable_blocks)
+    entries = check_integers("plan", plan, f"at most {blocks} integers", 1)
+    if len(entries) > blocks:
+        raise ValueError(f"plan: expected at most {blocks} integers, got {len(entries)}")
     if entries.size and (entries.min() < NEVER or entries.max() > np.iinfo(np.int32).max):
         raise ValueError(f"plan: expected step indices or -1, got {entries.min()} to {entries.max()}")
     return [*entries.tolist(), *[NEVER] * (blocks - len(entries))]

@@ -7,8 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image
 
+from iphyre_jax.checks import check_instance, check_whole, is_list, show
+from iphyre_jax.memory import check_memory
 from iphyre_jax.scenes import Scene
-from iphyre_jax.viewer.frames import Camera, Frame, Look
+from iphyre_jax.scenes.scene import check_is_scene
+from iphyre_jax.viewer.frames import MAX_FRAME, Camera, Frame, Look
 from iphyre_jax.viewer.painter import blend
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import theme
@@ -32,11 +35,16 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
+    if not is_list(plays):
+        raise ValueError(f"plays: expected a sequence of recordings, got {show(plays)}")
     if not 0 < len(plays) <= MAX_PICTURES:
         raise ValueError(f"plays: expected 1 to {MAX_PICTURES}, got {len(plays)}")
-    if not 0 < columns <= MAX_PICTURES:
-        raise ValueError(f"columns: expected 1 to {MAX_PICTURES}, got {columns!r}")
-    chosen = look or Look(size=150)
+    check_whole("columns", columns, 1, MAX_PICTURES)
+    check_whole("frame", frame, -MAX_FRAME, MAX_FRAME)
+    chosen = Look(size=150) if look is None else check_instance("look", look, Look, "a Look")
+    for play in plays:
+        check_instance("plays", play, Recording, "recordings")
+    check_memory("look", 10 * len(plays) * chosen.size**2, "draw fewer or smaller pictures")
     images = [Camera(play, chosen).image(frame) for play in plays]
     width, height = images[0].width + GAP, images[0].height + GAP
     rows, across = -(-len(images) // columns), min(columns, len(images))
@@ -50,6 +58,7 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
 
 def start_of(scene: Scene, fps: int = 60) -> Recording:
     """Return a recording that holds only the start of a scene; nothing is compiled or played."""
+    check_is_scene("scene", scene)
     poses = np.zeros((1, scene.n_objects, 3))
     poses[0, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
     poses[0, scene.n_blocks :, :2] = scene.balls[:, :2]

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Final
 
+from iphyre_jax.checks import check_option
 from iphyre_jax.observations import drawing
 
 Colour = tuple[int, int, int]
@@ -112,9 +113,7 @@ def theme(name: str) -> Theme:
     Raises:
         ValueError: there is no theme of this name.
     """
-    if name not in THEMES:
-        raise ValueError(f"theme: expected one of {', '.join(THEMES)}, got {name!r}")
-    return THEMES[name]
+    return THEMES[check_option("theme", name, tuple(THEMES))]
 
 
 def as_json() -> dict[str, dict[str, object]]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import lib
 
 from iphyre_jax import Scene
+from iphyre_jax.checks import check_whole
 from parity.engines.trajectory import Trajectory
 
 GRAVITY = (0.0, 100.0)  # px/s^2, y points down
@@ -62,8 +63,7 @@ class ReferenceWorld:
     """
 
     def __init__(self, scene: Scene, resets: int = 1, gravity: float = 1.0) -> None:
-        if resets < 1:
-            raise ValueError(f"resets: expected an integer of at least 1, got {resets!r}")
+        check_whole("resets", resets)
         self.scene = scene
         self.space = pymunk.Space()
         self.space.gravity = GRAVITY[0], GRAVITY[1] * gravity

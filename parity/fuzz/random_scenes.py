@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from iphyre_jax.checks import check_whole
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes.compile import STATIC_ROOM
 from iphyre_jax.scenes.limits import MAX_ELIMINABLE, MAX_OBJECTS
@@ -128,10 +129,10 @@ def random_scene(index: int, seed: int = SEED) -> Scene:
         spring: with two, the reference removes them in an undefined order.
 
     Raises:
-        ValueError: `index` or `seed` is negative.
+        ValueError: `index` or `seed` is no whole number of at least 0; one line.
     """
-    if index < 0 or seed < 0:
-        raise ValueError(f"index, seed: expected integers of at least 0, got {index!r}, {seed!r}")
+    for name, number in (("index", index), ("seed", seed)):
+        check_whole(name, number, 0)
     rng = np.random.default_rng([seed, index])
     template = TEMPLATES[index % len(TEMPLATES)]
     while True:

@@ -118,8 +118,8 @@ def test_one_game_stands_for_each_number_of_moving_bodies() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--repeats", "0"], "--repeats: expected an integer of at least 1, got 0"),
-        (["--seed", "-1"], "--seed: expected an integer of at least 0, got -1"),
+        (["--repeats", "0"], "--repeats: expected a whole number of at least 1, got 0"),
+        (["--seed", "-1"], "--seed: expected a whole number of at least 0, got -1"),
         (["--games", "hol"], "scene: expected the name of a game"),
         (["--batches", "0"], "--batches"),
         (["--fps"], "--fps"),

@@ -147,3 +147,9 @@ def test_bad_calls_get_one_line(case: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_plans_that_run_out_are_an_error_and_no_endless_search() -> None:
+    """With two instants and two blocks there are two orders; the search for a third went on for ever."""
+    with pytest.raises(ValueError, match=r"^interval: expected more instants, because all plans were drawn, [0-9]+ of"):
+        generate_actions("support", 0, 10**6, 8, 15, 15, 2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +56,15 @@ def test_bad_evaluations_get_one_line() -> None:
     assert set(SPLITS) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic"}
 
 
+@pytest.mark.parametrize("strategy", ["in-advance", "combined"])
+def test_actions_that_are_no_numbers_are_not_scored(strategy: str) -> None:
+    def broken(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return nothing(key, obs).at[3].set(jnp.nan)
+
+    with pytest.raises(ValueError, match=r"^policy: expected finite actions, got nan in decision 1 of support$"):
+        evaluate(broken, "support", strategy=strategy)
+
+
 def test_five_values_under_scan() -> None:
     env = FiveValues(*make("on-the-fly/support-v1"))
     assert env.name == "on-the-fly/support-v1"
@@ -70,3 +81,9 @@ def test_five_values_under_scan() -> None:
     np.testing.assert_array_equal(done, terminated | truncated)
     assert done.sum() >= 1
     assert reward.max() > 900
+
+
+@pytest.mark.parametrize("policy", [lambda obs: obs, lambda: 0, lambda weights, key, obs: obs])
+def test_a_policy_of_other_arguments_is_told_which(policy: Any) -> None:
+    with pytest.raises(ValueError, match=r"^policy: expected a function of a key and an observation, got one of \("):
+        evaluate(policy, ["hole"], strategy="in-advance")

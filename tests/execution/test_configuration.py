@@ -23,7 +23,12 @@ played = iphyre_jax.simulate(scene, [[-1, -1, 20, 30], [3, -1, 9, -1]], fps=10)
 result = [played.success.tolist(), played.steps.tolist(), played.reward.tolist()]
 """
 START = "import jax.numpy\njax.numpy.zeros(1)\n"
-OWN = "import jax\njax.jit(lambda x: jax.numpy.sort(x) @ x.T)(jax.numpy.ones((64, 64)))\n"  # takes a while to compile
+# A fast machine compiles it in less than the shortest time that is kept: here every program is.
+OWN = """
+import jax
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.jit(lambda x: jax.numpy.sort(x) @ x.T)(jax.numpy.ones((64, 64)))
+"""
 WATCH = 'with warnings.catch_warnings(record=True, action="always") as seen:\n    '
 COMMAND = """
 import contextlib, io
@@ -98,6 +103,30 @@ def test_it_may_be_called_again(cache: Path) -> None:
     assert python(code + "result = made.cache", cache) is None
 
 
+def entries_of_jax(cache: Path) -> dict[str, bytes]:
+    """What JAX keeps in a folder."""
+    return {file.name: file.read_bytes() for file in cache.glob("*.jax")}
+
+
+def test_the_users_own_programs_are_whole_and_may_move(cache: Path, tmp_path: Path) -> None:
+    """A damaged entry is replaced without a word; a copy of the folder elsewhere has every program."""
+    code = f"iphyre_jax.configure()\n{OWN}result = None"
+    python(code, cache)
+    kept = entries_of_jax(cache)
+    assert kept
+    for name, content in kept.items():
+        (cache / name).write_bytes(content[: len(content) // 2])
+    python(code, cache)
+    mended = entries_of_jax(cache)
+    assert mended.keys() == kept.keys()
+    assert all(len(mended[name]) > len(kept[name]) // 2 for name in kept)
+    elsewhere = tmp_path / "elsewhere" / "iphyre_jax"
+    shutil.copytree(cache, elsewhere)
+    python(code, elsewhere)
+    assert entries_of_jax(elsewhere) == mended
+    assert [file.suffix for file in cache.iterdir() if file.name.startswith(".")] == []
+
+
 def test_devices(cache: Path) -> None:
     code = "import jax\nmade = iphyre_jax.configure(devices=3, cache=False)\n"
     assert python(code + "result = [made.threads, jax.local_device_count()]", cache) == [3, 3]
@@ -147,13 +176,17 @@ def test_a_default_folder_that_cannot_be_used_is_a_warning(cache: Path, call: st
 
 @pytest.mark.parametrize("devices", [0, -1, 1.5, "2", True])
 def test_wrong_devices(devices: Any) -> None:
-    with pytest.raises(ValueError, match=r"^devices: expected a whole number of at least 1, got [^\n]*$"):
+    with pytest.raises(
+        ValueError, match=r"^devices: expected a whole number of at least 1 and at most 1024, got [^\n]*$"
+    ):
         iphyre_jax.configure(devices=devices)
 
 
 @pytest.mark.parametrize("seconds", [0, -1.0, "2", True, float("nan")])
 def test_wrong_time_limits(seconds: Any) -> None:
-    with pytest.raises(ValueError, match=r"^compile_timeout: expected a positive number of seconds or None, got"):
+    with pytest.raises(
+        ValueError, match=r"^compile_timeout: expected None or a positive number of seconds of at most 1000000, got"
+    ):
         iphyre_jax.configure(compile_timeout=seconds)
 
 

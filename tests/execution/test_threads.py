@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import wait
+from itertools import count
+from typing import Any
 
 import pytest
 
+from iphyre_jax.execution import threads
 from iphyre_jax.execution.threads import run_all
 
 
@@ -37,6 +41,50 @@ def test_an_error_drops_what_has_not_begun(error: BaseException) -> None:
     assert 3 in begun
     assert len(begun) < 20
     assert run_all(lambda k: k, range(5)) == list(range(5))  # nothing is left over
+
+
+def test_an_interrupt_between_two_items_drops_what_has_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal is handled at any instruction of the main thread, not only inside an item."""
+    main, begun = threading.current_thread(), []
+
+    class Numbers:
+        def __init__(self) -> None:
+            self.numbers = count()
+
+        def __next__(self) -> int:
+            if threading.current_thread() is main and len(begun) > 4:
+                raise KeyboardInterrupt
+            return next(self.numbers)
+
+    def work(k: int) -> None:
+        begun.append(k)
+        time.sleep(0.01)
+
+    monkeypatch.setattr(threads, "count", Numbers)
+    with pytest.raises(KeyboardInterrupt):
+        run_all(work, range(500))
+    assert len(begun) < 50
+
+
+def test_an_interrupt_of_the_wait_is_raised_when_the_running_items_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may write into arrays of a program that ends with the call."""
+    main, begun, ended = threading.current_thread(), [], []
+    interrupts = [KeyboardInterrupt(), KeyboardInterrupt()]
+
+    def waits(helpers: Any) -> Any:
+        if interrupts:
+            raise interrupts.pop()
+        return wait(helpers)
+
+    def work(k: int) -> None:
+        begun.append(k)
+        time.sleep(0.01 if threading.current_thread() is main else 0.3)
+        ended.append(k)
+
+    monkeypatch.setattr(threads, "wait", waits)
+    with pytest.raises(KeyboardInterrupt):
+        run_all(work, range(200))
+    assert sorted(begun) == sorted(ended)
 
 
 def test_calls_within_calls_end() -> None:

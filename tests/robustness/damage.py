@@ -6,15 +6,17 @@ import json
 import random
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
+from record import record
 from rich.console import Console
 
 from iphyre_jax.train import loop
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import checkpoint, runs
+from iphyre_jax.train.storage import checkpoint, manifest, runs
 
 TIMES = 200
 CONFIG = TrainConfig(
@@ -52,11 +54,11 @@ def remove(file: Path, rng: random.Random) -> str:
 
 def other_version(file: Path, rng: random.Random) -> str:
     """The manifest of another format, with a sum that fits."""
-    manifest = next(folder for folder in file.parents if (folder / checkpoint.MANIFEST).is_file()) / checkpoint.MANIFEST
-    content = json.loads(manifest.read_text())
+    written = next(folder for folder in file.parents if (folder / manifest.MANIFEST).is_file()) / manifest.MANIFEST
+    content = json.loads(written.read_text())
     content["format"] = rng.choice([0, 3, 4, "2", None])
-    manifest.write_text(json.dumps(content))
-    manifest.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(manifest)}\n")
+    written.write_text(json.dumps(content))
+    written.with_name(manifest.SUM).write_text(f"{manifest.sum_of(written)}\n")
     return f"format {content['format']!r}"
 
 
@@ -65,10 +67,10 @@ KINDS: tuple[Callable[[Path, random.Random], str], ...] = (flip, flip, truncate,
 
 def main() -> int:
     """Damage, load, count; 0 if every damaged checkpoint was refused in one line that offers the good one."""
-    root = Path("build/test-damage")
+    root, begun = Path("build/test-damage"), time.monotonic()
     shutil.rmtree(root, ignore_errors=True)
     loop.train(CONFIG, root / "good", Console(quiet=True))
-    rng, refused = random.Random(0), 0  # noqa: S311 - nothing secret
+    rng, refused, loaded = random.Random(0), 0, 0  # noqa: S311 - nothing secret
     for k in range(TIMES):
         folder = root / "damaged"
         shutil.copytree(root / "good", folder)
@@ -78,13 +80,15 @@ def main() -> int:
         try:
             runs.load(folder)
             print(f"{said}: LOADED")
+            loaded += 1
         except ValueError as error:
             fine = "\n" not in str(error) and str(newest) in str(error) and "--checkpoint 000001" in str(error)
             refused += fine
             if not fine:
                 print(f"{said}: {error}")
         shutil.rmtree(folder)
-    print(f"{refused} of {TIMES} damaged checkpoints were refused with one line that offers the last good one")
+    promise = "a damaged checkpoint is refused with one line that offers the last good one"
+    record("checkpoint-damage", promise, TIMES, refused, loaded, time.monotonic() - begun)
     return 0 if refused == TIMES else 1
 
 

@@ -70,6 +70,30 @@ def test_names_cannot_end_the_data(solved: Recording) -> None:
     assert data["plays"][0]["agent"] == data["title"] == data["scenes"][1]["name"] == HOSTILE
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a\u2028alert(1)\u2029b",
+        "\u202e</script><script>alert(1)",
+        "\"'><b onfocus=alert(1)>",
+        "nul\0 \x1b[2J",
+        "\ud800",
+    ],
+)
+def test_names_of_any_characters_stay_data(name: str, solved: Recording) -> None:
+    """Line separators would end a line of script, and overrides turn round what a reader of the file sees."""
+    page = replay_page([(name, solved)], title=name)
+    head, _, rest = page.partition('id="data">')
+    data = rest.partition("</script>")[0]
+    assert data.isascii()
+    assert data.isprintable()
+    assert "<" not in data
+    assert json.loads(data)["plays"][0]["agent"] == json.loads(data)["title"] == name
+    for part in (head, rest.removeprefix(data)):
+        assert name not in part
+    page.encode()
+
+
 def test_json_for_scripts_has_no_markup() -> None:
     assert "<" not in json_for_script({"<a>": ["</script>", "<!--", "]]>"]})
 

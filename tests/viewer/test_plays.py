@@ -14,7 +14,7 @@ from iphyre_jax import SceneBuilder, load_scene
 from iphyre_jax.cli.main import run
 from iphyre_jax.viewer.figures import figures_of
 from iphyre_jax.viewer.load_plays import best_plays, load_plays
-from iphyre_jax.viewer.plays import append_play, play_to_json, read_plays
+from iphyre_jax.viewer.plays import append_play, iter_plays, open_plays, play_to_json, read_plays
 from iphyre_jax.viewer.recording import record
 
 GOOD = {
@@ -86,6 +86,54 @@ def test_what_is_no_json_is_named(content: bytes, tmp_path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
+def test_damaged_lines_are_skipped_with_one_warning_that_names_them(tmp_path: Path) -> None:
+    file = tmp_path / "plays.jsonl"
+    good = json.dumps(GOOD).encode() + b"\n"
+    damaged = (
+        good[:50] + b"\n",
+        b"\xff\xfe\n",
+        b"\0" * 500 + b"\n",
+        b"x" * 250_000 + b"\n",
+        b"17\n",
+        b"[" * 90_000 + b"\n",
+    )
+    file.write_bytes(good + b"".join(line + good for line in damaged))
+    with pytest.warns(RuntimeWarning) as caught:
+        plays = read_plays(file)
+    assert len(plays) == len(damaged) + 1
+    (warning,) = caught
+    assert str(warning.message) == f"{file}: skipped 6 damaged lines (2, 4, 6, 8, 10 ...)"
+
+
+def test_an_attempt_that_was_glued_to_half_a_line_is_read(tmp_path: Path) -> None:
+    """As earlier versions wrote it: it was confirmed to the player."""
+    file = tmp_path / "plays.jsonl"
+    good = json.dumps(GOOD)
+    for length in range(1, len(good) + 1):
+        file.write_text(f"{good}\n{good[:length]}{good}\n", "utf-8")
+        assert [play.plan for play in read_plays(file)] == [(-1, -1, 83, 32)] * 2
+
+
+def test_files_of_any_length_are_read(tmp_path: Path) -> None:
+    file = tmp_path / "plays.jsonl"
+    file.write_text((json.dumps(GOOD) + "\n") * 10_001, "utf-8")
+    assert sum(1 for _ in iter_plays(file)) == 10_001
+    assert len(load_plays(file)) == 10_001
+
+
+@pytest.mark.parametrize(
+    "content", [b"GIF89a\x01\x00", b"a,b\n1,2\n", b'{"schema": "iphyre_jax/scene", "version": 1}\n', b"x" * 300_000]
+)
+def test_attempts_are_not_added_to_something_else(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "plays.jsonl"
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"plays\.jsonl: expected a file of plays, got something else"):
+        open_plays(file)
+    assert file.read_bytes() == content
+    with pytest.raises(ValueError, match="expected a file of plays, got something that is no file"):
+        open_plays(tmp_path)
+
+
 def test_the_best_plans_are_for_the_forty_games() -> None:
     from iphyre_jax import GAMES
 
@@ -149,6 +197,16 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     again = capsys.readouterr()
     assert again.out == printed.out
     assert again.err == f"iphyre-jax: FutureWarning: `evaluate {plays}` is deprecated; use `iphyre-jax score {plays}`\n"
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "plays.jsonl"
+    file.write_text(f"{json.dumps(GOOD)}\nhalf a li", "utf-8")
+    assert run(["score", str(file)]) == 0
+    printed = capsys.readouterr()
+    assert "975.65" in printed.out
+    assert printed.err == f"iphyre-jax: RuntimeWarning: {file}: skipped 1 damaged line (2)\n"
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def test_poses_from_elsewhere_make_a_recording() -> None:
         ({"plan": [], "fps": 0}, "fps: expected"),
         ({"plan": [], "dtype": "float16"}, "dtype: expected"),
         ({"plan": [], "resets": 0}, "resets: expected"),
-        ({"plan": [], "fps": 100_000_000}, "fps: expected at most"),
+        ({"plan": [], "fps": 100_000_000}, "at most 100000, got 100000000"),
     ],
 )
 def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: str) -> None:

@@ -17,6 +17,7 @@ from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
 from iphyre_jax.envs.batching.step_program import RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.compilation.client import ClientArray, aligned, aligned_copy
 from iphyre_jax.execution.compilation.executables import executable, prepare
 from iphyre_jax.execution.layout import Layout, fill_lanes, pieces
@@ -117,6 +118,7 @@ class HostStep:
         """Run groups: long ones on all threads, short ones here, because waking a thread takes longer."""
 
         def timed(group: Group) -> float:
+            interrupts.check()
             start = time.thread_time()
             work(group)
             return time.thread_time() - start

@@ -10,8 +10,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
-from typing import Any
+from functools import lru_cache, partial
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from iphyre_jax.envs.batching.host_step import ID_WORDS, HostStep
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
 from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
@@ -34,6 +35,8 @@ from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
+
+HOSTS_CACHED: Final = 64  # sets of topologies; JAX's programs keep their own
 
 
 @jax.tree_util.register_dataclass
@@ -168,6 +171,7 @@ class HostWorlds(Worlds):
         """Call the host from a program; under `jax.vmap` once for the whole batch."""
         host = _host(self)
         host.prepare()  # while the program is traced, so that an interrupt ends it here
+        interrupts.watch()
         word = WORD[self.dtype]
         shapes = {
             "words": jax.ShapeDtypeStruct((host.episode_words,), word),
@@ -183,7 +187,7 @@ class HostWorlds(Worlds):
         return observation_size(self.observation, self.limits.objects, self.limits.blocks + self.no_op)
 
 
-@cache
+@lru_cache(HOSTS_CACHED)
 def _host(worlds: HostWorlds) -> HostStep:
     """Return the host that plays the worlds."""
     dtype, slots = worlds.dtype, worlds.limits.blocks
@@ -192,7 +196,7 @@ def _host(worlds: HostWorlds) -> HostStep:
     return HostStep(programs, worlds.protocol, worlds.features, make_observations)
 
 
-@cache
+@lru_cache(1024)
 def _feature_layout(topologies: tuple[Topology, ...], limits: Limits, dtype: str) -> Layout:
     """Return the layout of `_numbers` of scenes of some topologies."""
 

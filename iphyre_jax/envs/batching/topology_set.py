@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ class TopologySet:
     episodes: tuple[PaddedShapes, ...]
 
     @classmethod
-    @cache
+    @lru_cache(64)
     def of(cls, topologies: tuple[Topology, ...], dtype: str) -> TopologySet:
         """Return the set of some topologies, at least one; dtype: of the physics."""
         with jax.enable_x64(dtype == "float64"):
@@ -89,7 +89,7 @@ class TopologySet:
         return _vmappable(self)(timing, games, request, episode)
 
 
-@cache
+@lru_cache(64)
 def _vmappable(topology_set: TopologySet) -> Run:
     """Return `TopologySet.run` with its own rule for `jax.vmap`."""
     run = custom_vmap(jax.jit(partial(_run, topology_set)))

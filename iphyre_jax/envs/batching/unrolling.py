@@ -22,12 +22,15 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_whole
+from iphyre_jax.checks import check_instance, check_integers, check_whole
+from iphyre_jax.envs.arguments import check_batch, check_key, check_params, check_policy
 from iphyre_jax.envs.core import NO_GAME, Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.envs.spaces import MAX_AXIS
+from iphyre_jax.execution.forks import check_fork
+from iphyre_jax.execution.interrupts import as_interrupts
 
 ActingPolicy = Callable[[Any, jax.Array, jax.Array], tuple[jax.Array, Any]]
 """`policy(weights, key, observation) -> action, extras` for one world, in JAX; extras are any tree of arrays."""
@@ -54,11 +57,14 @@ class Batch:
         Raises:
             ValueError: games are not such rows; one line.
         """
-        rows = np.asarray(games)
-        if rows.ndim != 1 or not rows.size or rows.dtype.kind not in "iu":
-            raise ValueError(f"games: expected integers, one for each world, got {rows.dtype} of shape {rows.shape}")
+        check_fork()
+        check_params(params)
+        rows = check_integers("games", games, "integers, one for each world", 1)
+        if not rows.size:
+            raise ValueError("games: expected integers, one for each world, got none")
         if rows.min() < 0 or rows.max() >= params.games:
             raise ValueError(f"games: expected rows of {params.games} games, got {rows.min()} to {rows.max()}")
+        check_batch("games", environment, len(rows))
         with jax.enable_x64(environment.dtype == "float64"):
             obs, state = _reset(environment, jnp.asarray(rows, jnp.int32), params)
         return cls(params, state, obs)
@@ -86,7 +92,6 @@ def _reset(environment: Environment, games: jax.Array, params: EnvParams) -> tup
     return jax.vmap(environment.reset_to, in_axes=(0, None))(games, params)
 
 
-@partial(jax.jit, static_argnames=("environment", "policy", "decisions"))
 def unroll(
     environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
 ) -> tuple[Batch, Steps]:
@@ -103,16 +108,31 @@ def unroll(
         weights: passed to the policy, any tree of arrays.
         batch: of this environment.
         key: random key.
-        decisions: of each world; static.
+        decisions: of each world, 1 to 2**31 - 1 if memory allows; static.
 
     Returns:
         The batch after the decisions, and the steps.
 
     Raises:
-        ValueError: decisions is not a whole number of at least 1, or JAX lacks the environment's dtype; one line.
+        ValueError: an argument is not as said here, or JAX lacks the environment's dtype; one line.
     """
-    check_whole("decisions", decisions)
+    check_fork()
+    check_instance("environment", environment, Environment, "an environment that make has returned")
+    check_instance("batch", batch, Batch, "a batch, as Batch.of returns it")
+    check_policy(policy, ("weights", "a key", "an observation"))
+    check_key(key)
+    check_batch("decisions", environment, batch.game.shape[0], check_whole("decisions", decisions, 1, MAX_AXIS))
     environment.check_dtype()
+    with as_interrupts():
+        out: tuple[Batch, Steps] = _unroll(environment, policy, weights, batch, key, decisions=decisions)
+    return out
+
+
+@partial(jax.jit, static_argnames=("environment", "policy", "decisions"))
+def _unroll(
+    environment: Environment, policy: ActingPolicy, weights: object, batch: Batch, key: jax.Array, *, decisions: int
+) -> tuple[Batch, Steps]:
+    """Do what `unroll` says, with checked arguments."""
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)
 

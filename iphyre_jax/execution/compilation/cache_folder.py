@@ -11,16 +11,22 @@ import contextlib
 import hashlib
 import json
 import os
+import platform
 import stat
+import sys
 import time
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+from iphyre_jax.files import replacing
 
 CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
 OFF_WORDS = ("0", "off", "no", "false")
 MAGIC = b"iphyre_jax program\n"
 SUFFIX = ".program"
+JAX_SUFFIX = ".jax"  # of programs that JAX compiles for the user
 WAIT = 0.05  # s between checks of another process's claim
 KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when programs are compiled
 
@@ -127,24 +133,40 @@ def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:
         OSError: it cannot be written.
     """
     header = {"key": key, "sha256": hashlib.sha256(payload).hexdigest()}
-    draft = path.with_suffix(f".{os.getpid()}.draft")
-    try:
-        with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
-            file.write(MAGIC + _canonical(header) + b"\n" + payload)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with replacing(path) as draft, open(draft, "wb", opener=_open_private) as file:
+        file.write(MAGIC + _canonical(header) + b"\n" + payload)
 
 
 def remove_old_entries(folder: Path) -> None:
-    """Remove entries, and drafts of killed processes, that nobody has used for KEEP_DAYS."""
+    """Remove entries, and drafts of killed processes (with the same suffixes), that nobody has used for KEEP_DAYS."""
     before = time.time() - KEEP_DAYS * 86400
-    for path in [*folder.glob(f"*{SUFFIX}"), *folder.glob("*.draft")]:
+    for path in [path for suffix in (SUFFIX, JAX_SUFFIX) for path in folder.glob(f"*{suffix}")]:
         try:
             if path.stat().st_mtime < before:
                 path.unlink()
         except OSError:
             continue  # somebody else removed it
+
+
+@cache
+def machine() -> str:
+    """Return the system, and a sum of the processor's features: machines that differ in them share no machine code."""
+    try:
+        return machine_of(Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace"))
+    except OSError:
+        return machine_of("")
+
+
+def machine_of(cpuinfo: str) -> str:
+    """Return what `machine` says, for the text of /proc/cpuinfo."""
+    lines = cpuinfo.splitlines()
+    found = next((line.partition(":")[2] for line in lines if line.lower().startswith(("flags", "features"))), "")
+    features = " ".join(sorted(found.split())) or platform.processor()
+    return f"{sys.platform} {platform.machine()} {hashlib.sha256(features.encode()).hexdigest()[:16]}"
+
+
+def _open_private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
 
 
 def _canonical(value: Mapping[str, Any]) -> bytes:

@@ -7,7 +7,9 @@ copied.
 
 from __future__ import annotations
 
-from functools import cache
+import contextlib
+import ctypes
+from functools import cache, lru_cache
 from typing import Any
 
 import jax
@@ -15,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from jax.sharding import SingleDeviceSharding
 from jaxlib import xla_client
+
+from iphyre_jax.execution.forks import check_fork
 
 Arrays = tuple[npt.NDArray[Any], ...]
 
@@ -41,9 +45,16 @@ class Executable:
 
     def __call__(self, *arrays: npt.NDArray[Any] | ClientArray) -> Arrays:
         """Run the program; arrays must have its shapes and dtypes, and must not change before the call returns."""
+        check_fork()
         given = [array.array if isinstance(array, ClientArray) else _device_put(array) for array in arrays]
         results = self._loaded.execute_sharded(given).disassemble_into_single_device_arrays()
         return tuple(np.asarray(shards[0]) for shards in results)
+
+
+def give_back_memory() -> None:
+    """Give freed memory back to the system; glibc keeps that of dropped programs, 20 MB each, until it is asked."""
+    with contextlib.suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 class ClientArray:
@@ -65,7 +76,7 @@ def _device_put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
     return xla_client.batched_device_put(aval, _sharding(), [array], _devices(), True)
 
 
-@cache
+@lru_cache(4096)
 def _aval(shape: tuple[int, ...], dtype: np.dtype[Any]) -> jax.core.ShapedArray:
     return jax.core.ShapedArray(shape, dtype)
 

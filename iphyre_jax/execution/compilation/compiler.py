@@ -124,11 +124,14 @@ class CompilerProcess:
 
 _idle: list[CompilerProcess] = []  # idle processes; they end by themselves after a while
 _lock = threading.Lock()
+_owner = os.getpid()
 
 
 @atexit.register
 def end_idle() -> None:
     """End the idle processes."""
+    if os.getpid() != _owner:
+        return  # a forked child; they are its parent's, and the lock may be held by a thread that is not here
     with _lock:
         while _idle:
             _idle.pop().end()

@@ -6,15 +6,12 @@ user's process, without our compiler options. A warning says what that costs.
 
 from __future__ import annotations
 
-import hashlib
-import platform
 import sys
 import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -24,15 +21,16 @@ import numpy as np
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import cache_folder
-from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable
+from iphyre_jax.execution.compilation.client import Arrays, ClientArray, Executable, give_back_memory
 from iphyre_jax.execution.compilation.compiler import CompilationError, Job, compile_all
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.programs import Program
 
 Run = Callable[..., Arrays]
 
-LOADED: Final = 512  # programs in memory; the forty games have some dozens
+LOADED: Final = 96  # programs in memory, some 20 MB each; the least recently prepared goes first
 COST: Final = "steps may take 40 times as long"
 
 _loaded: dict[Program, Run] = {}
@@ -47,14 +45,25 @@ def executable(program: Program) -> Run:
     return run
 
 
+def load_cached(program: Program) -> bool:
+    """Load a program that is in memory or in the cache folder; return whether it was there. Nothing is compiled."""
+    if program in _loaded:
+        return True
+    folder = configuration.cache_folder()
+    return folder is not None and _load(program, *_entry(program, folder))
+
+
 def prepare(programs: Sequence[Program]) -> None:
     """Load programs, and compile those that are not cached, side by side.
 
     Raises:
         TimeoutError: one took longer than `configure(compile_timeout=...)` allows.
     """
+    check_fork()
     with _lock:
-        wanted = [program for program in dict.fromkeys(programs) if program not in _loaded]
+        asked = list(dict.fromkeys(programs))
+        _loaded.update([(program, _loaded.pop(program)) for program in asked if program in _loaded])  # to the end
+        wanted = [program for program in asked if program not in _loaded]
         others = [_in_flight[program] for program in wanted if program in _in_flight]
         own = [program for program in wanted if program not in _in_flight]
         _in_flight.update((program, threading.Event()) for program in own)
@@ -80,9 +89,11 @@ def _load_or_compile(programs: Sequence[Program]) -> None:
 
 def _keep(program: Program, run: Run) -> None:
     with _lock:
-        while len(_loaded) >= LOADED:
-            del _loaded[next(iter(_loaded))]
+        dropped = [_loaded.pop(old) for old in list(_loaded)[: max(0, len(_loaded) + 1 - LOADED)]]
         _loaded[program] = run
+    if dropped:
+        dropped.clear()
+        give_back_memory()
 
 
 def _load_all(programs: Sequence[Program], folder: Path) -> None:
@@ -154,21 +165,9 @@ def _entry(program: Program, folder: Path) -> tuple[Path, dict[str, Any]]:
         "jax": version("jax"),
         "jaxlib": version("jaxlib"),
         "options": dict(options_for(program.lanes)),
-        "machine": _machine(),
+        "machine": cache_folder.machine(),
     }
     return cache_folder.entry_path(folder, key), key
-
-
-@cache
-def _machine() -> str:
-    """Return the features of the processor: machines that differ in them cannot share machine code."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    found = next((line.partition(":")[2] for line in lines if line.lower().startswith(("flags", "features"))), "")
-    features = " ".join(sorted(found.split())) or platform.processor()
-    return f"{sys.platform} {platform.machine()} {hashlib.sha256(features.encode()).hexdigest()[:16]}"
 
 
 _shown = threading.local()

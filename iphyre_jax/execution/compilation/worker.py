@@ -7,6 +7,7 @@ ends when its input ends, even during a compilation, or when no request comes fo
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import queue
@@ -22,6 +23,7 @@ from iphyre_jax.execution.compilation.description import from_description, sourc
 from iphyre_jax.execution.programs import Program
 
 IDLE_SECONDS: Final = 60.0
+CLEAR_AFTER: Final = 16  # programs; JAX keeps what it knows of each
 
 
 def compile_program(program: Program) -> bytes:
@@ -59,11 +61,13 @@ def main() -> None:
     jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # an unknown option ends the process here
     print("{}", file=answers, flush=True)
     threading.Thread(target=read, daemon=True).start()
-    while True:
+    for number in itertools.count(1):
         try:
             line = requests.get(timeout=IDLE_SECONDS)
         except queue.Empty:
             return
+        if number % CLEAR_AFTER == 0:
+            jax.clear_caches()
         print(json.dumps(_answer(line)), file=answers, flush=True)
 
 

@@ -146,10 +146,13 @@ def replay_insertion(boxes: list[Box], moving: list[bool], resets: int) -> Inser
 
 
 def _leaf_order(movers: list[int], n_objects: int, resets: int) -> tuple[int, ...]:
-    """Iterate the chained hash table after `resets` fillings: ids keep counting, the table never shrinks."""
+    """Iterate the chained hash table after `resets` fillings: ids keep counting, the table never shrinks.
+
+    It grows in the first filling only, so those between the first and the last leave nothing behind.
+    """
     size = LEAF_TABLE_SIZES[0]
     chains: list[list[int]] = [[] for _ in range(size)]
-    for reset in range(resets):
+    for reset in sorted({0, resets - 1}):
         base = reset * n_objects
         chains = [[] for _ in range(size)]
         for entries, i in enumerate(movers, start=1):

@@ -15,16 +15,18 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.checks import check_least, show
 from iphyre_jax.files import read_json_object
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.evaluate import READABLE, SCHEMA, VERSION
+from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA, VERSION
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, runs
 
 KINDS: Final = ("greedy", "sampled")
+LARGEST: Final = 1e9  # size of a score
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,26 @@ def read(path: Path) -> Evaluated:
     content = read_json_object(file)
     if content.get("schema") != SCHEMA or content.get("version") not in READABLE:
         raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
-    return Evaluated(path, config, {game["game"]: game for game in content["games"]})
+    return Evaluated(path, config, {game["game"]: game for game in _checked_games(content.get("games"), file)})
+
+
+def _checked_games(games: object, file: Path) -> list[dict[str, Any]]:
+    """The games of an evaluation.
+
+    Raises:
+        ValueError: one line; a score is missing or no finite number.
+    """
+    if not isinstance(games, list):
+        raise ValueError(f"{file}: games: expected a list, got {show(games)}")
+    for k, game in enumerate(games):
+        if not isinstance(game, dict) or not isinstance(game.get("game"), str):
+            raise ValueError(f"{file}: games: {k}: expected an object with the name of a game, got {show(game)}")
+        for kind in KINDS:
+            score = game.get(kind)
+            for name in MEANS:
+                found = score.get(name) if isinstance(score, dict) else None
+                check_least(f"{file}: games: {k}: {kind}: {name}", found, -LARGEST)
+    return games
 
 
 def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
@@ -164,7 +185,7 @@ def draw_curves(path: Path, agents: Sequence[Row]) -> None:
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for k, row in enumerate(agents):
-        lines = [logs.read(seed.path) for seed in row.seeds]
+        lines = [logs.read(seed.path, ("reward", "decisions")) for seed in row.seeds]
         length = min(len(each) for each in lines)
         if length < 2:
             continue

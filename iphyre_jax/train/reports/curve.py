@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from iphyre_jax.files import replacing
 from iphyre_jax.train.reports.report import paper_numbers, training_name
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage.logs import read
@@ -14,8 +15,12 @@ FILE = "curve.png"
 
 
 def draw_curve(run: Path, config: TrainConfig) -> None:
-    """Draw the metrics.csv of a run into its curve.png."""
-    lines = read(run)
+    """Draw the metrics.csv of a run into its curve.png.
+
+    Raises:
+        ValueError, OSError: one line; metrics.csv holds something else, or the picture cannot be written.
+    """
+    lines = read(run, ("episodes", "reward"), ("greedy_reward",))
     episodes = [int(line["episodes"]) for line in lines]
     greedy = [(int(line["episodes"]), float(line["greedy_reward"])) for line in lines if line["greedy_reward"]]
     figure = Figure(figsize=(7, 4.2), dpi=130, layout="constrained")
@@ -33,4 +38,5 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
     axes.set(xlabel="episodes", ylabel=f"mean reward, {training_name(config)}", title=config.agent_name)
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
-    figure.savefig(run / FILE)
+    with replacing(run / FILE) as draft:
+        figure.savefig(draft)

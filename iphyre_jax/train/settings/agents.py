@@ -1,6 +1,6 @@
 """The settings of each algorithm, field by field. Presets fill them in (`presets.py`).
 
-A field's metadata says which numbers it takes: at least "least" (0 by default), above 0 if "positive", any if "signed".
+A field's metadata says which numbers it takes: at least "least" (0 by default), above 0 if "positive".
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ AdvantageScope = Literal["scene", "batch", "none"]
 
 _AT_LEAST_1: Final = MappingProxyType({"least": 1})
 _POSITIVE: Final = MappingProxyType({"positive": True})
-_SIGNED: Final = MappingProxyType({"signed": True})
+_SIGNED: Final = MappingProxyType({"least": -1e9})
 
 
 def _count(default: int) -> Any:  # noqa: ANN401 - as `dataclasses.field`

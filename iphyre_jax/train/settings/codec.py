@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from iphyre_jax.checks import show
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import TrainConfig
@@ -28,7 +29,7 @@ def config_from_json(values: object, source: str | Path, *, old: bool = False) -
         values = old_names.settings(values)
     agent = values.get("agent", TrainConfig.agent)
     if agent not in list(AGENTS):
-        raise ValueError(f"{source}: agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
+        raise ValueError(f"{source}: agent: expected one of {', '.join(AGENTS)}, got {show(agent)}")
     learner = _fields(AGENTS[agent].settings(), values.get("learner", {}), source)
     plain = {name: value for name, value in values.items() if name != "learner"}
     config: TrainConfig = _fields(TrainConfig(learner=learner), plain, source)
@@ -47,15 +48,17 @@ def _fields(default: Any, values: object, source: str | Path) -> Any:  # noqa: A
     settings: dict[str, Any] = {}
     for name, value in values.items():
         if name not in known:
-            raise ValueError(f"{source}: unknown setting {name!r}")
+            raise ValueError(f"{source}: unknown setting {show(name)}")
         settings[name] = tuple(value) if isinstance(value, list) else value
         if not _same_type(settings[name], known[name]):
-            raise ValueError(f"{source}: {name}: expected a value like {known[name]!r}, got {value!r}")
+            raise ValueError(f"{source}: {name}: expected a value like {known[name]!r}, got {show(value)}")
     return dataclasses.replace(default, **settings)
 
 
 def _same_type(value: object, default: object) -> bool:
     """Whether a value read from JSON fits a field with this default."""
+    if isinstance(value, int) and value.bit_length() > 63:
+        return False
     if isinstance(default, tuple):
         item_type = type(default[0]) if default else str
         return isinstance(value, tuple) and all(type(item) is item_type for item in value)

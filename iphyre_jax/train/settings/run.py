@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.checks import whole_fps
+from iphyre_jax.checks import MAX_RESETS, show, whole_fps
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import SPLITS, load_scene
@@ -19,6 +19,8 @@ from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
 Dtype = Literal["float32", "float64"]
 
+MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
+MAX_COUNT: Final = 10**8  # of a learner's whole numbers
 STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O", "combined": "C"})
 
 
@@ -114,10 +116,15 @@ class TrainConfig:
             _require(self, name, getattr(self, name) >= 1, "at least 1")
         for name in ("variations", "added_blocks"):
             _require(self, name, getattr(self, name) >= 0, "a number not below 0")
+        _require(self, "resets", self.resets <= MAX_RESETS, f"at most {MAX_RESETS}")
         _require(self, "episodes_per_scene", self.episodes_per_scene >= 2, "at least 2")
         _require(self, "seed", 0 <= self.seed < 2**31, "from 0 to 2**31 - 1")
         widths = len(self.hidden_sizes) > 0 and min(self.hidden_sizes) >= 1
         _require(self, "hidden_sizes", widths, "at least one positive width")
+        for name, most in _MOST.items():
+            _require(self, name, getattr(self, name) <= most, f"at most {most}")
+        depth = len(self.hidden_sizes) <= MAX_LAYERS and max(self.hidden_sizes) <= MAX_WIDTH
+        _require(self, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
         _require(self, "checkpoint_seconds", 0 <= self.checkpoint_seconds < float("inf"), "a number not below 0")
         _check_learner(self)
 
@@ -170,7 +177,7 @@ def preset(
 def _require(record: object, name: str, holds: bool, expected: str) -> None:
     """Raise the one-line error of a field unless its condition holds."""
     if not holds:
-        raise ValueError(f"{name}: expected {expected}, got {getattr(record, name)!r}")
+        raise ValueError(f"{name}: expected {expected}, got {show(getattr(record, name))}")
 
 
 def _check_choices(config: TrainConfig) -> None:
@@ -196,7 +203,7 @@ def _check_games(config: TrainConfig) -> None:
     known = {game for games in SPLITS.values() for game in games}
     for game in set(config.games) - known:
         if not Path(game).is_file():
-            raise ValueError(f"games: expected names of games of the package or scene files, got {game!r}")
+            raise ValueError(f"games: expected names of games of the package or scene files, got {show(game)}")
         if load_scene(game).limits != OFFICIAL:
             raise ValueError(
                 f"games: expected scenes without limits of their own, for the networks' sizes, got {game!r}"
@@ -212,11 +219,12 @@ def _check_learner(config: TrainConfig) -> None:
         raise ValueError(f"learner: expected settings of {config.agent}, got {type(learner).__name__}")
     for entry in dataclasses.fields(learner):
         value = getattr(learner, entry.name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or "signed" in entry.metadata:
+        if isinstance(value, bool) or not isinstance(value, int | float):
             continue
         positive, least = "positive" in entry.metadata, entry.metadata.get("least", 0)
         finite = least <= value < float("inf") and (value > 0 or not positive)
         _require(learner, entry.name, finite, "a positive number" if positive else f"a number not below {least}")
+        _require(learner, entry.name, isinstance(value, float) or value <= MAX_COUNT, f"at most {MAX_COUNT}")
     if isinstance(learner, PolicyGradient):
         scopes = get_args(AdvantageScope)
         _require(learner, "normalize_advantage", learner.normalize_advantage in scopes, "scene, batch or none")
@@ -238,5 +246,16 @@ _CHOICES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "head": get_args(HeadName),
         "network": ("mlp", "objects"),
         "activation": ("tanh", "relu"),
+    }
+)
+_MOST: Final[Mapping[str, int]] = MappingProxyType(
+    {
+        "updates": 2**31 - 1,  # as a checkpoint counts them
+        "checkpoint_seconds": 10**9,
+        "episodes_per_scene": 10**6,
+        "sampled_episodes": 10**6,
+        "greedy_every": 2**31 - 1,
+        "variations": 10**6,
+        "added_blocks": 64,
     }
 )

@@ -10,11 +10,10 @@ manifest.sha256   SHA-256 of manifest.json
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
+import logging
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,17 +21,22 @@ import jax
 import numpy as np
 import orbax.checkpoint as ocp
 
+from iphyre_jax.checks import one_line, show
 from iphyre_jax.provenance import versions
 from iphyre_jax.train import trainer
 from iphyre_jax.train.settings import old_names
-from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import manifest
+from iphyre_jax.train.storage.manifest import STATE
 from iphyre_jax.train.trainer import RunState
 
 FOLDER: Final = "checkpoints"
-FORMAT: Final = 2  # format 1 has the names of `old_names`
 KEEP: Final = 2  # checkpoints of a run; older ones are not needed
-STATE, MANIFEST, SUM = "state", "manifest.json", "manifest.sha256"
+ROOM: Final = 2**20  # bytes of a checkpoint beyond those of its arrays
+# Else threads wait twenty minutes for a folder that could not be made, and the process with them.
+FOLDERS_FIRST: Final = ocp.AsyncOptions(create_directories_asynchronously=False)
+MAX_NAMED: Final = 5  # checkpoints in a message
+MAX_MESSAGE: Final = 300  # characters of orbax's, which names files at length
 
 
 def save(run: Path, config: TrainConfig, state: RunState) -> Path:
@@ -43,35 +47,72 @@ def save(run: Path, config: TrainConfig, state: RunState) -> Path:
 
     Returns:
         Its folder.
+
+    Raises:
+        OSError: one line; it cannot be written. Earlier checkpoints are untouched.
     """
     folder = run / FOLDER
     final = folder / f"{int(state.update):06d}"
+    partial = folder / f".{final.name}"
     if final.exists():
         return final
-    folder.mkdir(exist_ok=True)
-    for left in folder.glob(".*"):
-        shutil.rmtree(left)
-    partial = folder / f".{final.name}"
-    with ocp.StandardCheckpointer() as checkpointer:
-        checkpointer.save((partial / STATE).absolute(), named_arrays(_storable(state)))
-    _write_manifest(partial, config, int(state.update))
-    partial.rename(final)
-    _sync(folder)
-    for old in names(run)[:-KEEP]:
-        remove(run, old)
+    arrays = named_arrays(_storable(state))
+    try:
+        folder.mkdir(exist_ok=True)
+        for left in folder.glob(".*"):
+            shutil.rmtree(left)
+        _require_room(folder, arrays)
+        with _quiet(), ocp.StandardCheckpointer(async_options=FOLDERS_FIRST) as checkpointer:
+            checkpointer.save((partial / STATE).absolute(), arrays)
+        manifest.write(partial, config, int(state.update))
+        partial.rename(final)
+        manifest.sync(folder)
+        for old in names(run)[:-KEEP]:
+            remove(run, old)
+    except Exception as error:  # orbax raises many kinds
+        shutil.rmtree(partial, ignore_errors=True)
+        raise OSError(f"{final}: the checkpoint cannot be written: {_first_line(error)}") from error
     return final
+
+
+def _require_room(folder: Path, arrays: Mapping[str, Any]) -> None:
+    """Refuse to begin a checkpoint that the disk has no room for."""
+    free, needed = shutil.disk_usage(folder).free, _bytes(arrays) + ROOM
+    if free < needed:
+        raise OSError(f"expected {needed / 1e6:,.1f} MB of room on the disk, got {free / 1e6:,.1f} MB")
+
+
+def _bytes(arrays: Mapping[str, Any]) -> int:
+    """Bytes of all arrays together."""
+    return sum(leaf.size * leaf.dtype.itemsize for leaf in arrays.values())
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep orbax from logging the trace of an error that we raise in one line."""
+    loggers = [logging.getLogger(name) for name in ("absl", "asyncio")]
+    before = [logger.disabled for logger in loggers]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        yield
+    finally:
+        for logger, disabled in zip(loggers, before, strict=True):
+            logger.disabled = disabled
 
 
 def remove(run: Path, name: str) -> None:
     """Remove a checkpoint; a half-removed one never has its name."""
     gone = run / FOLDER / f".{name}"
+    shutil.rmtree(gone, ignore_errors=True)  # left by a kill
     (run / FOLDER / name).rename(gone)
     shutil.rmtree(gone)
 
 
 def names(run: Path) -> list[str]:
-    """The checkpoints of a run, oldest first."""
-    return sorted(entry.name for entry in (run / FOLDER).glob("[0-9]*") if entry.is_dir())
+    """The checkpoints of a run, oldest first: by number, for a millionth update has a longer name."""
+    found = [entry.name for entry in (run / FOLDER).glob("[0-9]*") if entry.name.isdecimal() and entry.is_dir()]
+    return sorted(found, key=lambda name: (int(name), name))
 
 
 def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: bool = False) -> RunState:
@@ -92,7 +133,8 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
     if chosen is None:
         raise FileNotFoundError(f"{run / FOLDER}: there is no checkpoint")
     if chosen not in there:
-        raise FileNotFoundError(f"{run / FOLDER}: there is no checkpoint {chosen}, only {', '.join(there) or 'none'}")
+        known = ", ".join(there[-MAX_NAMED:]) or "none"
+        raise FileNotFoundError(f"{run / FOLDER}: there is no checkpoint {show(chosen)}, only {known}")
     try:
         state = _load(run / FOLDER / chosen, config)
     except Exception as error:  # orbax raises many kinds
@@ -104,7 +146,7 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
 
 def _same_versions(path: Path) -> None:
     """Refuse to resume with other versions: the bits would differ from those of an uninterrupted run."""
-    written, here = json.loads((path / MANIFEST).read_text("utf-8"))["versions"], versions()
+    written, here = manifest.read(path)["versions"], versions()
     other = [f"{name} {version}" for name, version in here.items() if written.get(name) != version]
     if other:
         was = ", ".join(f"{name.split()[0]} {written.get(name.split()[0])}" for name in other)
@@ -126,15 +168,15 @@ def _offer(run: Path, config: TrainConfig, damaged: str) -> str:
 
 def _first_line(error: Exception) -> str:
     """The first line of an error."""
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return one_line((str(error).strip().splitlines() or [type(error).__name__])[0])[:MAX_MESSAGE]
 
 
 def _load(path: Path, config: TrainConfig) -> RunState:
     """Verify and read one checkpoint."""
-    old = verify(path, config) == 1
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
     expected = named_arrays(like)
-    with ocp.StandardCheckpointer() as checkpointer:
+    old = manifest.verify(path, config, _bytes(expected)) == 1
+    with _quiet(), ocp.StandardCheckpointer() as checkpointer:
         stored = checkpointer.metadata((path / STATE).absolute()).item_metadata.tree
         stored_name = {old_names.array_path(name) if old else name: name for name in stored}
         # Compared before anything is read: orbax readers hang at a wrong shape.
@@ -144,78 +186,13 @@ def _load(path: Path, config: TrainConfig) -> RunState:
         arrays = checkpointer.restore((path / STATE).absolute(), targets)
     leaves = [arrays[stored_name[name]] for name in expected]
     restored: RunState = jax.tree.unflatten(jax.tree.structure(like), leaves)
+    if int(restored.update) != int(path.name):
+        raise ValueError(f"damaged: its state is that of {int(restored.update)} updates")
     return restored._replace(
         key=jax.random.wrap_key_data(restored.key),
         update=np.asarray(restored.update),
         decisions=np.asarray(restored.decisions),
     )
-
-
-def verify(path: Path, config: TrainConfig) -> int:
-    """Refuse a checkpoint that differs by a byte from what was written, or is not of these settings.
-
-    Returns:
-        Its format.
-
-    Raises:
-        ValueError, OSError: one line.
-    """
-    manifest = path / MANIFEST
-    for file in (manifest, path / SUM):
-        if not file.is_file():
-            raise ValueError(f"damaged: {file.name} is missing")
-    if (path / SUM).read_bytes() != f"{_sum(manifest)}\n".encode():
-        raise ValueError(f"damaged: {MANIFEST} does not have the SHA-256 sum of {SUM}")
-    content = json.loads(manifest.read_text("utf-8"))
-    written: int = content.get("format")
-    if written not in (1, FORMAT):
-        raise ValueError(f"expected format {FORMAT}, got {written!r}: written by another version")
-    if config_from_json(content["settings"], manifest, old=written == 1) != config:  # newer settings have defaults
-        raise ValueError("it belongs to other settings than config.json says")
-    if content["update"] != int(path.name):
-        raise ValueError(f"expected the checkpoint of {int(path.name)} updates, got that of {content['update']}")
-    expected, found = content["files"], _files(path)
-    for name in sorted({*expected, *found}):
-        if name not in found:
-            raise ValueError(f"damaged: {name} is missing")
-        if name not in expected:
-            raise ValueError(f"damaged: {name} was not written with it")
-        size = (path / name).stat().st_size
-        if size != expected[name]["size"]:
-            raise ValueError(f"damaged: {name} has {size} bytes, not {expected[name]['size']}")
-        if _sum(path / name) != expected[name]["sha256"]:
-            raise ValueError(f"damaged: {name} does not have the SHA-256 sum of the manifest")
-    return written
-
-
-def _write_manifest(path: Path, config: TrainConfig, update: int) -> None:
-    """Write what `verify` reads, and flush everything to the disk."""
-    sums = {name: {"size": (path / name).stat().st_size, "sha256": _sum(path / name)} for name in _files(path)}
-    content = {"format": FORMAT, "update": update, "settings": config.to_json(), "versions": versions(), "files": sums}
-    (path / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", "utf-8")
-    (path / SUM).write_text(f"{_sum(path / MANIFEST)}\n", "utf-8")
-    for entry in [*path.rglob("*"), path]:
-        _sync(entry)
-
-
-def _files(path: Path) -> list[str]:
-    """The files of a checkpoint's state, as paths relative to the checkpoint."""
-    return sorted(entry.relative_to(path).as_posix() for entry in (path / STATE).rglob("*") if not entry.is_dir())
-
-
-def _sum(file: Path) -> str:
-    """SHA-256 of a file."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
-
-
-def _sync(path: Path) -> None:
-    """Wait until a file, or a folder's list of names, is on the disk."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _storable(state: RunState) -> RunState:

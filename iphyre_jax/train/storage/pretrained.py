@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -24,7 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.files import read_json_object, replace_bytes, replace_json
+from iphyre_jax.files import read_json_object, read_npz, replace_bytes, replace_json
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algos.base import State
@@ -38,6 +37,7 @@ from iphyre_jax.train.storage.checkpoint import named_arrays
 SCHEMA: Final = "iphyre_jax/pretrained"
 VERSION: Final = 2  # version 1 has the names of `old_names`
 WEIGHTS: Final = Path(str(files("iphyre_jax.train").joinpath("weights")))
+SLACK: Final = 2**24  # bytes of NAME.npz beyond those of the arrays: headers, and arrays of another shape, to name them
 PLAYED: Final = (*GAMES, *SPLITS["unseen_basic"])  # games of the scores
 
 
@@ -82,12 +82,11 @@ def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
     described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
     if not (described.is_file() and arrays.is_file()):
         raise ValueError(f"pretrained: expected one of {', '.join(names(folder)) or 'none'}; got {name!r}")
-    content, raw = _description(described), arrays.read_bytes()
-    if hashlib.sha256(raw).hexdigest() != content["sha256"]:
-        raise ValueError(f"{arrays}: damaged: it does not have the SHA-256 sum of {described.name}")
+    content = _description(described)
     old = content["version"] == 1
     config = config_from_json(content["settings"], described, old=old)
-    return Pretrained(name, config, _state(config, raw, arrays, old=old), content["scores"], content["origin"])
+    state = _state(config, arrays, content["sha256"], old=old)
+    return Pretrained(name, config, state, content["scores"], content["origin"])
 
 
 def rounded(config: TrainConfig, state: State) -> State:
@@ -157,19 +156,19 @@ def _stored(leaf: jax.Array) -> np.ndarray[Any, Any]:
     return array.astype(np.float16) if array.dtype.kind == "f" else array
 
 
-def _state(config: TrainConfig, raw: bytes, source: Path, *, old: bool) -> State:
+def _state(config: TrainConfig, source: Path, sha256: str, *, old: bool) -> State:
     """The state in NAME.npz, whose arrays may have old names.
 
     Raises:
-        ValueError: one line naming `source`; its arrays are not those of the settings.
+        ValueError: one line naming `source`; it is damaged, or its arrays are not those of the settings.
     """
     like = jax.eval_shape(lambda: algorithm(config).inference_state(init(config, jax.random.key(0))))
     expected = named_arrays(like)
-    try:
-        with np.load(io.BytesIO(raw), allow_pickle=False) as opened:
-            arrays = {old_names.array_path(key) if old else key: opened[key] for key in opened.files}
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{source}: expected arrays of NumPy: {error}") from None
+    most = sum(leaf.size * leaf.dtype.itemsize for leaf in expected.values()) + SLACK
+    with source.open("rb") as opened:
+        if hashlib.file_digest(opened, "sha256").hexdigest() != sha256:
+            raise ValueError(f"{source}: damaged: it does not have the SHA-256 sum of {source.stem}.json")
+    arrays = {old_names.array_path(key) if old else key: array for key, array in read_npz(source, most).items()}
     for key in sorted({*expected, *arrays}):
         if key not in expected or key not in arrays:
             raise ValueError(f"{source}: {key}: {'not expected' if key in arrays else 'missing'}")

@@ -13,7 +13,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
-from iphyre_jax.files import read_json_object, replace_json, replace_text
+from iphyre_jax.checks import show
+from iphyre_jax.files import LOCK, read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
@@ -35,6 +36,17 @@ def default_path(config: TrainConfig, root: Path = Path("runs")) -> Path:
     return root / name
 
 
+def make_folder(path: Path) -> None:
+    """Make the folder of a new run.
+
+    Raises:
+        ValueError: one line; the path exists and is not an empty folder.
+    """
+    if path.exists() and (not path.is_dir() or any(entry.name != LOCK for entry in path.iterdir())):
+        raise ValueError(f"{path}: expected a new or empty folder for the run")
+    path.mkdir(parents=True, exist_ok=True)
+
+
 def create(path: Path, config: TrainConfig) -> None:
     """Make a run folder and write its config.json.
 
@@ -42,9 +54,7 @@ def create(path: Path, config: TrainConfig) -> None:
         ValueError: one line; a setting cannot work, or the path exists and is not an empty folder.
     """
     config.check()
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise ValueError(f"{path}: expected a new or empty folder for the run")
-    path.mkdir(parents=True, exist_ok=True)
+    make_folder(path)
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
     replace_json(path / CONFIG, {**content, "started": started, **provenance()})
@@ -63,7 +73,7 @@ def read_config(path: Path) -> TrainConfig:
     if content.get("schema") != SCHEMA:
         raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
     if content.get("version") not in (2, VERSION):
-        raise ValueError(f"{file}: version: expected {VERSION}, got {content.get('version')!r}")
+        raise ValueError(f"{file}: version: expected {VERSION}, got {show(content.get('version'))}")
     return config_from_json(content.get("settings"), file, old=content["version"] == 2)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from threading import Lock
 from typing import Any, Final
 
 import iphyre_jax
@@ -20,11 +19,12 @@ from iphyre_jax.viewer.load_plays import best_plays
 from iphyre_jax.viewer.pack import pack_play
 from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.play.session import Session
+from iphyre_jax.viewer.play.simulator import Simulator, shared_simulator
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
-from iphyre_jax.viewer.recording import Recording, record
+from iphyre_jax.viewer.recording import Recording
 
 FPS: Final = 60  # the frame rate at which people play in the paper
-PATIENCE: Final = 120.0  # s; a request waits so long for another simulation, which may be compiling
+MOST_TIED: Final = 100  # moving objects x ties; 96 compiled in 26 s on a busy machine, 200 not in 90 s of a core
 
 Fields = Mapping[str, Any]
 
@@ -36,16 +36,23 @@ class Api:
         session: counts and saves attempts.
         agents: plays to compare with, besides the best known plans.
         scenes: scenes to play, besides the forty games.
+        simulator: plays; by default the one that all servers of this process share.
     """
 
-    def __init__(self, session: Session, agents: Sequence[Play] = (), scenes: Sequence[Scene] = ()) -> None:
+    def __init__(
+        self,
+        session: Session,
+        agents: Sequence[Play] = (),
+        scenes: Sequence[Scene] = (),
+        simulator: Simulator | None = None,
+    ) -> None:
         self._session, self._scenes = session, tuple(scenes)
+        self.simulator = simulator or shared_simulator()
         self._agents = [*best_plays().values(), *agents]
-        self._engine = Lock()  # one simulation at a time: it uses a core, for milliseconds once compiled
         self._calls: dict[str, tuple[Callable[[Fields], object], frozenset[str]]] = {
             "api/start": (self._start, frozenset()),
             "api/game": (self._game, frozenset({"scene"})),
-            "api/record": (self._record, frozenset({"scene", "plan"})),
+            "api/record": (self._play_on, frozenset({"scene", "plan"})),
             "api/attempt": (self._attempt, frozenset({"scene", "plan"})),
             "api/again": (self._again, frozenset({"scene"})),
             "api/agents": (self._agents_and_attempts, frozenset({"scene"})),
@@ -89,8 +96,8 @@ class Api:
     def _game(self, fields: Fields) -> object:
         """Return a scene, its play without removals, the scores in the paper, and the attempts so far."""
         scene = _read_scene(fields)
-        untouched = self._record_play(scene, [NEVER] * len(scene.eliminable_blocks))
-        own = scene.name in GAMES and scene == load_scene(scene.name)
+        untouched = self._record(_own_play(scene, [NEVER] * len(scene.eliminable_blocks)))
+        own = _is_game(scene)
         best = best_plays().get(scene.name) if own else None
         return {
             "scene": scene_to_dict(scene),
@@ -100,14 +107,15 @@ class Api:
             "standing": self._session.standing(scene),
         }
 
-    def _record(self, fields: Fields) -> object:
+    def _play_on(self, fields: Fields) -> object:
+        """Return the play of a plan that the person may still change."""
         scene = _read_scene(fields)
-        return pack_play(self._record_play(scene, _read_plan(fields, scene)))
+        return pack_play(self._record(_own_play(scene, _read_plan(fields, scene))))
 
     def _attempt(self, fields: Fields) -> object:
         """Count, save and score an attempt; the server computes the score from the plan."""
         scene = _read_scene(fields)
-        recording = self._record_play(scene, _read_plan(fields, scene))
+        recording = self._record(_own_play(scene, _read_plan(fields, scene)))
         standing = self._session.add(recording)
         return {"play": pack_play(recording), "standing": standing}
 
@@ -119,10 +127,7 @@ class Api:
         scene = _read_scene(fields)
         others = [(play, False) for play in self._agents if play.scene == scene]
         own = [(play, True) for play in self._session.attempts(scene)]
-        return [
-            {"agent": play.agent, "own": mine, **pack_play(self._exclusively(play.record))}
-            for play, mine in others + own
-        ]
+        return [{"agent": play.agent, "own": mine, **pack_play(self._record(play))} for play, mine in others + own]
 
     def _check(self, fields: Fields) -> object:
         """Return what is wrong with a scene, what is unusual, and its file if nothing is wrong."""
@@ -131,19 +136,26 @@ class Api:
         except ValueError as error:
             lines = [line.removeprefix(": ") for line in str(error).split("\n")]
             return {"problems": lines, "warnings": [], "file": None}
-        return {"problems": [], "warnings": scene_warnings(scene), "file": scene_text(scene)}
+        return {"problems": [], "warnings": [*scene_warnings(scene), *_size_warnings(scene)], "file": scene_text(scene)}
 
-    def _record_play(self, scene: Scene, plan: Sequence[int]) -> Recording:
-        return self._exclusively(lambda: record(scene, list(plan), fps=FPS))
+    def _record(self, play: Play) -> Recording:
+        return self.simulator.record(play, is_game=_is_game(play.scene))
 
-    def _exclusively(self, work: Callable[[], Recording]) -> Recording:
-        """Run a simulation while no other one runs."""
-        if not self._engine.acquire(timeout=PATIENCE):
-            raise RefusedError(503, "the simulator is busy")
-        try:
-            return work()
-        finally:
-            self._engine.release()
+
+def _is_game(scene: Scene) -> bool:
+    return scene.name in GAMES and scene == load_scene(scene.name)
+
+
+def _size_warnings(scene: Scene) -> list[str]:
+    """Say whether the simulator may refuse a scene, whose preparation is ended after a while."""
+    moving, ties = int(scene.dynamic.sum()), len(scene.joints) + len(scene.springs)
+    if moving * ties <= MOST_TIED:
+        return []
+    return [f"{ties} joints and springs, {moving} moving objects: this scene may be too large to be played here"]
+
+
+def _own_play(scene: Scene, plan: Sequence[int]) -> Play:
+    return Play("you", scene, tuple(plan), FPS)
 
 
 def _read_scene(fields: Fields) -> Scene:

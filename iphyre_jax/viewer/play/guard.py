@@ -52,15 +52,18 @@ class Guard:
         host = _single_header(headers, "Host")
         if host not in self.hosts:
             raise RefusedError(403, "another host")
-        _, _, rest = path.partition("/")
-        token, slash, resource_name = rest.partition("/")
-        if not slash or not hmac.compare_digest(token.encode(), self.token.encode()):
+        if not self.knows(path):
             raise RefusedError(403, "another token")
         if headers.get_all("Origin") and _single_header(headers, "Origin") != f"http://{host}":
             raise RefusedError(403, "another origin")
         if headers.get_all("Sec-Fetch-Site") and _single_header(headers, "Sec-Fetch-Site") not in OWN_SITES:
             raise RefusedError(403, "another site")
-        return resource_name
+        return path.split("/", 2)[2]
+
+    def knows(self, path: str) -> bool:
+        """Return whether a path begins with the token of this server."""
+        parts = path.split("/", 2)
+        return len(parts) == 3 and hmac.compare_digest(parts[1].encode(), self.token.encode())
 
     def body_length(self, headers: Message) -> int:
         """Return the number of bytes of JSON after the headers of a POST request.

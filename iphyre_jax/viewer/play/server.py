@@ -1,31 +1,35 @@
 """A small HTTP server for one person on this machine, built on the standard library.
 
-Each connection carries one request and has a deadline, and the number of connections is limited. So neither slow nor
-many clients can block the server. No part of a request ever becomes the path of a file.
+Each connection carries one request and has a deadline. It waits in the `Reception` until its headers are there; only
+who knows the token then takes one of the places. So neither slow nor many clients can block the server. No part of a
+request ever becomes the path of a file.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import socket
 import sys
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import BoundedSemaphore
-from typing import TYPE_CHECKING, Final
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from threading import BoundedSemaphore, Thread
+from typing import TYPE_CHECKING, Final, cast
 
 from iphyre_jax.viewer.page import page_file
 from iphyre_jax.viewer.play.api import Api
 from iphyre_jax.viewer.play.guard import MAX_REQUEST, Guard, RefusedError
+from iphyre_jax.viewer.play.reception import END, MAX_HEADERS, Client, Reception
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
 Request = socket.socket | tuple[bytes, socket.socket]  # the type in the standard library; here it is always a socket
-Client = tuple[str, int] | str
 
-CONNECTIONS: Final = 32  # at once; a page needs about ten while it loads
+CONNECTIONS: Final = 32  # requests with the token at once; a page needs about ten while it loads
+STRANGERS: Final = 8  # refusals at once; each takes less than a millisecond
 REQUEST_SECONDS: Final = 10.0  # s, for a request to arrive, and again for the answer to be sent
 
 _CONTENT_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
@@ -43,7 +47,7 @@ HEADERS: Final = {
 }
 
 
-class PlayServer(ThreadingHTTPServer):
+class PlayServer(HTTPServer):
     """Serves the play page on 127.0.0.1.
 
     Args:
@@ -53,14 +57,14 @@ class PlayServer(ThreadingHTTPServer):
         seconds: s, how long a request may take to arrive.
     """
 
-    daemon_threads = True
     request_queue_size = 64
 
     def __init__(self, api: Api, token: str, port: int = 0, seconds: float = REQUEST_SECONDS) -> None:
         self.api, self.seconds = api, seconds
-        self._free_connections = BoundedSemaphore(CONNECTIONS)
-        super().__init__(("127.0.0.1", port), _Handler)
+        self._places, self._strangers = BoundedSemaphore(CONNECTIONS), BoundedSemaphore(STRANGERS)
+        super().__init__(("127.0.0.1", port), BaseHTTPRequestHandler)  # `_serve` makes the handlers
         self.guard = Guard(token, self.server_port)
+        self._reception = Reception(self._admit, seconds)
 
     @property
     def address(self) -> str:
@@ -68,18 +72,52 @@ class PlayServer(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_port}/{self.guard.token}/"
 
     def process_request(self, request: Request, client_address: Client) -> None:
-        """Hand a connection to a thread, or close it if there are too many."""
-        if not self._free_connections.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
-        super().process_request(request, client_address)
+        """Let a new connection wait for its headers."""
+        self._reception.take(cast(socket.socket, request), client_address)
 
-    def process_request_thread(self, request: Request, client_address: Client) -> None:
-        """Serve one connection."""
+    def _admit(self, connection: socket.socket, client: Client, sent: bytes, end: float) -> None:
+        """Hand a connection whose headers are there to a thread, if there is a place for it."""
+        if len(sent) > MAX_HEADERS and not any(mark in sent[:MAX_HEADERS] for mark in END):
+            self._turn_away(connection, 431, "the headers are too long")
+            return
+        words = sent.split(b"\n", 1)[0].split()
+        known = len(words) > 1 and self.guard.knows(words[1].decode("latin-1"))
+        places = self._places if known else self._strangers
+        if not places.acquire(blocking=False):
+            self._turn_away(connection, 503, "too many requests at once; try again")
+            return
+        stream = io.BufferedReader(_RequestStream(connection, sent, end))
         try:
-            super().process_request_thread(request, client_address)
+            Thread(target=self._serve, args=(connection, client, stream, places), daemon=True).start()
+        except RuntimeError:  # the system has no thread left
+            places.release()
+            self._turn_away(connection, 503, "too many requests at once; try again")
+
+    def _serve(
+        self, connection: socket.socket, client: Client, stream: io.BufferedReader, place: BoundedSemaphore
+    ) -> None:
+        """Serve one connection, whose headers have been read."""
+        try:
+            connection.setblocking(True)
+            _Handler(connection, client, self, stream)
+        except Exception:
+            self.handle_error(connection, client)
         finally:
-            self._free_connections.release()
+            self.shutdown_request(connection)
+            place.release()
+
+    def _turn_away(self, connection: socket.socket, status: int, reason: str) -> None:
+        """Refuse a connection without a thread."""
+        content = json.dumps({"error": reason}).encode()
+        head = f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\nContent-Type: application/json\r\n"
+        with contextlib.suppress(OSError):
+            connection.send(f"{head}Content-Length: {len(content)}\r\nConnection: close\r\n\r\n".encode() + content)
+        self.shutdown_request(connection)
+
+    def server_close(self) -> None:
+        """Close the server and all connections that wait."""
+        super().server_close()
+        self._reception.close()
 
     def handle_error(self, request: Request, client_address: Client) -> None:
         """Print an error in one line. Clients that are slow or close the connection are no errors."""
@@ -89,35 +127,46 @@ class PlayServer(ThreadingHTTPServer):
 
 
 class _RequestStream(io.RawIOBase):
-    """Read from a socket until a deadline and up to a largest size."""
+    """Give what was read already, then read from a socket until a deadline and up to a largest size."""
 
-    def __init__(self, connection: socket.socket, seconds: float) -> None:
-        self._connection, self._deadline, self._bytes_left = connection, time.monotonic() + seconds, MAX_REQUEST
+    def __init__(self, connection: socket.socket, sent: bytes, end: float) -> None:
+        self._connection, self._sent, self._end, self._bytes_left = connection, sent, end, MAX_REQUEST - len(sent)
 
     def readable(self) -> bool:
         return True
 
     def readinto(self, buffer: Buffer) -> int:
-        left = self._deadline - time.monotonic()
+        room = memoryview(buffer)
+        if self._sent:
+            part, self._sent = self._sent[: len(room)], self._sent[len(room) :]
+            room[: len(part)] = part
+            return len(part)
+        left = self._end - time.monotonic()
         if left <= 0:
             raise TimeoutError("the request took too long")
         self._connection.settimeout(left)
-        count = self._connection.recv_into(memoryview(buffer)[: self._bytes_left])
+        count = self._connection.recv_into(room[: self._bytes_left])
         self._bytes_left -= count
         return count
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Handles one request."""
+    """Handles one request, whose headers have been read."""
 
     server: PlayServer
     server_version, sys_version = "iphyre-jax", ""
 
+    def __init__(
+        self, connection: socket.socket, client: Client, server: PlayServer, stream: io.BufferedReader
+    ) -> None:
+        self._stream = stream
+        super().__init__(connection, client, server)
+
     def setup(self) -> None:
-        """Let the parser read from the socket only until the deadline."""
+        """Let the parser read what the reception has read, then from the socket until the deadline."""
         super().setup()
         self.rfile.close()
-        self.rfile = io.BufferedReader(_RequestStream(self.connection, self.server.seconds))
+        self.rfile = self._stream
 
     def do_GET(self) -> None:
         """Answer GET: send the page or one of its files."""

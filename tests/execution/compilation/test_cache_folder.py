@@ -15,6 +15,7 @@ from iphyre_jax.execution.compilation.cache_folder import (
     KEEP_DAYS,
     claimed,
     entry_path,
+    machine_of,
     private_folder,
     read_entry,
     remove_old_entries,
@@ -78,6 +79,17 @@ def test_entries_that_nobody_reads_go(entry: Path) -> None:
     assert read_entry(entry, KEY) == PAYLOAD  # it is in use again
     remove_old_entries(entry.parent)
     assert [path.name for path in entry.parent.iterdir()] == [entry.name]
+
+
+FEATURES = "fpu sse2 avx2 avx512f"
+
+
+def test_processors_with_other_features_have_other_entries() -> None:
+    """So that a program with AVX-512 never runs on a machine without."""
+    here = machine_of(f"processor : 0\nflags\t: {FEATURES}\nbugs : none")
+    assert machine_of(f"processor : 7\nflags : {' '.join(reversed(FEATURES.split()))}\n") == here
+    assert machine_of(f"flags : {FEATURES.removesuffix(' avx512f')}") != here
+    assert machine_of("Features : fp asimd") != machine_of("Features : fp asimd sve")
 
 
 CLAIM = """

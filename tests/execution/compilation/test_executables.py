@@ -17,8 +17,11 @@ import pytest
 
 from iphyre_jax import Simulation, simulate, simulate_many
 from iphyre_jax.execution import configuration
-from iphyre_jax.execution.compilation import compiler, executables
-from iphyre_jax.execution.compilation.cache_folder import write_entry
+from iphyre_jax.execution.compilation import cache_folder, compiler, executables
+from iphyre_jax.execution.compilation.cache_folder import machine_of, write_entry
+from iphyre_jax.execution.programs import Score
+from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes.compile import topology_of
 
 
 @pytest.fixture(params=[False, True], ids=["x64 off", "x64 on"])
@@ -134,6 +137,44 @@ def test_an_entry_that_is_not_sound_is_replaced(
     monkeypatch.setattr(executables, "_loaded", {})
     assert bits() == expected
     assert len(compiled) == 3  # the last one is sound
+
+
+def test_an_entry_belongs_to_the_processors_features_and_to_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = Score(topology_of(load_scene("hole")), "float32", 128, 6)
+    found = {}
+    for flags in ("avx2 avx512f", "avx2"):
+        monkeypatch.setattr(cache_folder, "machine", lambda flags=flags: machine_of(f"flags : {flags}"))
+        found[flags] = executables._entry(program, tmp_path)[0].name
+        assert executables._entry(program, tmp_path / "elsewhere")[0].name == found[flags]
+    assert found["avx2"] != found["avx2 avx512f"]
+
+
+TOGETHER = """
+import sys
+import iphyre_jax
+iphyre_jax.configure(cache=sys.argv[1])
+print("ready", flush=True)
+sys.stdin.readline()
+print(iphyre_jax.simulate("hole", [[20, 5, 30, 9], [3, -1, 7, 0]], fps=10).steps.tolist())
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_share_one_folder(tmp_path: Path) -> None:
+    """They begin at once; both are right, and there is one whole entry."""
+    command, pipe = [sys.executable, "-c", TOGETHER, str(tmp_path / "programs")], subprocess.PIPE
+    both = [subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) for _ in range(2)]
+    for process in both:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    said = [process.communicate("\n", timeout=300) for process in both]
+    expected = simulate("hole", PLAN, fps=10).steps.tolist()
+    assert [(out, error) for out, error in said] == [(f"{expected}\n", "")] * 2
+    (entry,) = (tmp_path / "programs").iterdir()
+    key = json.loads(entry.read_bytes().splitlines()[1])["key"]
+    assert cache_folder.read_entry(entry, key)
 
 
 def test_without_a_folder_programs_are_compiled_and_not_kept(

@@ -136,5 +136,5 @@ def test_every_game_can_be_built() -> None:
 
 
 def test_a_reset_number_below_one_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^resets: expected an integer of at least 1, got 0$"):
+    with pytest.raises(ValueError, match=r"^resets: expected a whole number of at least 1, got 0$"):
         ReferenceWorld(load_scene("support"), resets=0)

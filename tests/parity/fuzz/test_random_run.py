@@ -66,4 +66,4 @@ def test_a_result_is_read_as_it_was_written() -> None:
 @pytest.mark.parametrize("option", ["scenes", "plans", "resets", "workers"])
 def test_bad_options_get_one_line(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert random_run.main([f"--{option}", "0", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"--{option}: expected an integer of at least 1, got 0\n"
+    assert capsys.readouterr().err == f"--{option}: expected a whole number of at least 1, got 0\n"

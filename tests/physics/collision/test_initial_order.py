@@ -10,10 +10,11 @@ import pymunk
 import pytest
 from pymunk._chipmunk_cffi import ffi, lib
 
+import iphyre_jax
 from iphyre_jax import Scene
 from iphyre_jax.physics.collision import initial_order
 from iphyre_jax.physics.collision.initial_order import Insertion
-from iphyre_jax.physics.constants import HASH_COEFFICIENT
+from iphyre_jax.physics.constants import HASH_COEFFICIENT, LEAF_TABLE_SIZES
 from iphyre_jax.scenes.limits import Limits
 from parity.engines.trace import TracedWorld
 from tests.physics.worlds import make_scene
@@ -142,3 +143,35 @@ def test_fat_boxes_and_ids_by_hand() -> None:
         symmetric = [ids[0] * HASH_COEFFICIENT % 2**64 ^ end * HASH_COEFFICIENT for end in (0, 1)]
         assert symmetric[0] != symmetric[1]
         assert initial_order.point_classes(*ids).tolist() == [0, 1, 2, 3]
+
+
+def filled_one_by_one(movers: list[int], n_objects: int, resets: int) -> tuple[int, ...]:
+    """Fill the chained hash table as often as the reference does."""
+    size = LEAF_TABLE_SIZES[0]
+    chains: list[list[int]] = []
+    for reset in range(resets):
+        chains = [[] for _ in range(size)]
+        for entries, mover in enumerate(movers, start=1):
+            shape = reset * n_objects + mover
+            chains[shape % size].insert(0, shape)
+            if entries >= size:
+                size, old = LEAF_TABLE_SIZES[LEAF_TABLE_SIZES.index(size) + 1], chains
+                chains = [[] for _ in range(size)]
+                for one in (one for chain in old for one in chain):
+                    chains[one % size].insert(0, one)
+    return tuple(one - (resets - 1) * n_objects for chain in chains for one in chain)
+
+
+@pytest.mark.parametrize("moving", range(1, 16))
+def test_the_order_after_many_resets_needs_no_filling_of_each(moving: int) -> None:
+    generator = np.random.default_rng(moving)
+    for resets in (1, 2, 3, 7, 50):
+        objects = int(generator.integers(moving, 64))
+        movers = sorted(generator.choice(objects, moving, replace=False).tolist())
+        expected = filled_one_by_one(movers, objects, resets)
+        assert initial_order._leaf_order(movers, objects, resets) == expected
+
+
+def test_the_last_reset_takes_no_longer_than_the_first() -> None:
+    """10**7 resets took half a minute."""
+    iphyre_jax.compile_scene(iphyre_jax.load_scene("hole"), resets=2**31 - 1)

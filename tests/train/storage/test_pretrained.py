@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import io
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +61,35 @@ def test_damaged_or_unknown_policies_are_refused_in_one_line(tmp_path: Path) -> 
         described.write_text(json.dumps(wrong))
         with pytest.raises(ValueError, match=message) as error:
             load_pretrained("one", tmp_path)
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("agent", "strategy"), LEARNING)
+def test_a_policy_that_diverged_is_not_scored(agent: str, strategy: str) -> None:
+    config = dataclasses.replace(preset(agent, strategy), hidden_sizes=(16,))  # type: ignore[arg-type]
+    good = rounded(config, trainer.start(config).learner)
+    state = jax.tree.map(lambda leaf: leaf + np.nan if leaf.dtype.kind == "f" else leaf, good)
+    with pytest.raises(ValueError, match=r"^policy: .+: expected finite numbers, got NaN or infinity") as error:
+        evaluate(config, state, GAMES)
+    assert "\n" not in str(error.value)
+
+
+def test_archives_are_checked_before_they_are_read(tmp_path: Path) -> None:
+    """All have a sum that fits: an empty file, one that unpacks to far more than the arrays need."""
+    config = dataclasses.replace(preset(), hidden_sizes=(16,))
+    save_pretrained("one", config, rounded(config, trainer.start(config).learner), NONE, {}, tmp_path)
+    arrays, described = tmp_path / "one.npz", tmp_path / "one.json"
+    content = json.loads(described.read_text())
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("bomb.npy", "w") as member:
+        for _ in range(64):
+            member.write(bytes(2**20))
+    for raw, message in ((b"", "expected arrays of NumPy"), (packed.getvalue(), "bytes of arrays, got 67108864")):
+        arrays.write_bytes(raw)
+        described.write_text(json.dumps({**content, "sha256": hashlib.sha256(raw).hexdigest()}))
+        with pytest.raises(ValueError, match=message) as error:
+            load_pretrained("one", tmp_path)
+        assert str(arrays) in str(error.value)
         assert "\n" not in str(error.value)
 
 

@@ -20,7 +20,7 @@ from iphyre_jax.train.evaluate import Evaluation, GameScore, Score, evaluate
 from iphyre_jax.train.reports import compare, report
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import checkpoint, logs, runs
+from iphyre_jax.train.storage import checkpoint, logs, manifest, runs
 
 GAMES = ("support", "hole")
 TINY = TrainConfig(
@@ -239,11 +239,11 @@ def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
 def test_other_versions_are_evaluated_but_not_resumed(finished: loop.TrainingResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     for name in checkpoint.names(folder):
-        path = folder / checkpoint.FOLDER / name / checkpoint.MANIFEST
+        path = folder / checkpoint.FOLDER / name / manifest.MANIFEST
         content = json.loads(path.read_text())
         content["versions"]["jax"] = "0.1.0"
         path.write_text(json.dumps(content))
-        path.with_name(checkpoint.SUM).write_text(f"{checkpoint._sum(path)}\n")
+        path.with_name(manifest.SUM).write_text(f"{manifest.sum_of(path)}\n")
     assert runs.load(folder)[0] == TINY
     with pytest.raises(ValueError, match=r"written with jax 0\.1\.0, here is jax .*: it can be evaluated, not resumed"):
         loop.resume(folder, QUIET)
@@ -309,7 +309,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
     assert [f"{name}-paper" for name in list(table)[:12]] == list(of_paper)
     for config in (*table.values(), *of_paper.values()):
         config.check()
-    text = agents.document({"ppo-i": [compare.read(finished.folder)]}, ["ppo-i seed 1"], tmp_path, "results")
+    text = agents.document([compare.read(finished.folder)], ["ppo-i seed 1"], tmp_path, "results")
     for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text

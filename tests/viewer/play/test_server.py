@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-from iphyre_jax import load_scene, simulate
+from iphyre_jax import SceneBuilder, load_scene, simulate
 from iphyre_jax.scenes import read_scene, scene_to_dict
+from iphyre_jax.viewer.play import reception
 from iphyre_jax.viewer.play.api import Api
 from iphyre_jax.viewer.play.server import CONNECTIONS, FILES, PlayServer
 from iphyre_jax.viewer.play.session import Session
@@ -119,6 +120,61 @@ def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer, tmp_pat
     assert ask(server, "api/check", {"scene": ["x"]})[1]["problems"][0].startswith("expected an object")
 
 
+def test_the_editor_says_that_a_scene_may_be_too_large(server: PlayServer) -> None:
+    balls, pairs = range(10), [[i, j] for i in range(10) for j in range(i)]
+    scene = {
+        "schema": "iphyre_jax/scene",
+        "version": 1,
+        "name": "tied",
+        "block": [],
+        "ball": [[50 + 50 * k, 100, 10] for k in balls],
+        "eli": [0] * 10,
+        "dynamic": [1] * 10,
+    }
+    said = "joints and springs, 10 moving objects: this scene may be too large to be played here"
+    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:11]}})[1]
+    assert answer["problems"] == []
+    assert f"11 {said}" in answer["warnings"]
+    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:10]}})[1]
+    assert not any(said in line for line in answer["warnings"])
+
+
+def test_names_of_scenes_reach_the_page_as_json_only(tmp_path: Path) -> None:
+    names = ["</script><script>alert(1)</script>", "\"' onfocus=alert(2)", "<!--", "\u05d0\u05d1"]
+    scenes = []
+    for name in names:
+        builder = SceneBuilder(name)
+        builder.ball((300, 300))
+        scenes.append(builder.build())
+    with PlayServer(Api(Session(None), scenes=scenes), TOKEN) as server:
+        thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        try:
+            for text in (f"GET /{TOKEN}/ HTTP/1.1\r\n", f"GET /{TOKEN}/play.js HTTP/1.1\r\n"):
+                answer = talk(server, f"{text}Host: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+                assert not any(name.encode() in answer for name in names[:3])
+            head = f"POST /{TOKEN}/api/start HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+            origin = f"Origin: http://127.0.0.1:{server.server_port}\r\n"
+            rest = "Content-Type: application/json\r\nContent-Length: 2\r\n\r\n{}"
+            header, _, body = talk(server, f"{head}{origin}{rest}".encode()).partition(b"\r\n\r\n")
+        finally:
+            server.shutdown()
+            thread.join()
+    assert b"Content-Type: application/json" in header
+    assert b"X-Content-Type-Options: nosniff" in header
+    assert b"script-src 'self'" in header
+    assert body.isascii()
+    assert [game["name"] for game in json.loads(body)["games"][-4:]] == names
+
+
+def talk(server: PlayServer, text: bytes) -> bytes:
+    """Send raw bytes and return the whole answer."""
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as connection:
+        connection.sendall(text)
+        with connection.makefile("rb") as answer:
+            return answer.read()
+
+
 REFUSED: list[tuple[str, dict[str, Any], int]] = [
     ("another host", {"Host": "evil.example"}, 403),
     ("a host that points here", {"Host": "evil.example:80"}, 403),
@@ -207,6 +263,50 @@ def test_floods_and_dawdlers_do_not_hold_up_play(server: PlayServer) -> None:
     finally:
         for connection in held:
             connection.close()
+
+
+def test_slow_clients_without_a_token_take_no_place(server: PlayServer) -> None:
+    port = server.server_port
+    beginnings = (b"", b"GET /", b"POST /b-token/api/start HTTP/1.1\r\nHost: x\r\n", f"GET /{TOKEN}/ HTT".encode())
+    held = [socket.create_connection(("127.0.0.1", port)) for _ in range(2 * CONNECTIONS)]
+    try:
+        for number, connection in enumerate(held):
+            connection.sendall(beginnings[number % len(beginnings)])
+        for name in ["api/start"] * 50:
+            assert ask(server, name)[0] == 200
+        assert ask(server, "/b-token/api/start")[0] == 403
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def test_of_too_many_slow_clients_the_oldest_is_cut(server: PlayServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reception, "WAITING", 4)
+    held = [socket.create_connection(("127.0.0.1", server.server_port), timeout=10) for _ in range(12)]
+    try:
+        assert [connection.recv(1) for connection in held[:7]] == [b""] * 7
+        assert ask(server, "api/start")[0] == 200
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def test_slow_headers_end_in_time(server: PlayServer) -> None:
+    with socket.create_connection(("127.0.0.1", server.server_port), timeout=30) as connection:
+        begin = time.monotonic()
+        try:
+            while time.monotonic() - begin < 25:  # the server allows 2 s, however busily they trickle
+                connection.sendall(b"a")
+                time.sleep(0.05)
+            pytest.fail("the server still reads")
+        except OSError:
+            pass
+
+
+def test_long_headers_are_refused(server: PlayServer) -> None:
+    line = f"GET /{TOKEN}/ HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\nx: ".encode()
+    assert b" 200 " in say(server, line + b"y" * 15_000 + b"\r\n\r\n")
+    assert b" 431 " in say(server, line + b"y" * (reception.MAX_HEADERS - len(line) + 1))
 
 
 def test_an_idle_server_costs_nothing(server: PlayServer) -> None:

@@ -1,0 +1,41 @@
+"""SIGTERM and SIGHUP interrupt a command as Ctrl-C does, so that what it has made is saved."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+@contextmanager
+def interrupting() -> Iterator[list[int]]:
+    """Let SIGTERM, which schedulers and containers send, and SIGHUP raise KeyboardInterrupt.
+
+    Yields:
+        The signals that came. All but the first do nothing. A signal that the process ignores (as after `nohup`) or
+        handles otherwise stays as it is.
+    """
+    came: list[int] = []
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        came.append(number)
+        if len(came) == 1:
+            raise KeyboardInterrupt
+
+    there = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]  # not on Windows
+    main = threading.current_thread() is threading.main_thread()
+    default = [number for number in there if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in default:
+        signal.signal(number, interrupt)
+    try:
+        yield came
+    finally:
+        for number in default:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def exit_code(number: int) -> int:
+    """The exit code of a process that ended because of a signal, as shells count it: 143 for SIGTERM."""
+    return 128 + number

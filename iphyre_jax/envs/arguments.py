@@ -1,0 +1,106 @@
+"""Checks of what environments and their batches are given, before anything is compiled or allocated."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.checks import check_instance, check_whole, one_line, show
+from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.memory import check_memory
+
+if TYPE_CHECKING:
+    from iphyre_jax.envs.core import Environment
+
+_MAX_SIGNATURE = 80  # characters of a policy's signature that are shown
+_BYTES_OF_DECISION = 40  # reward, flags and info
+_COPIES = 4  # of states and observations: before and after a decision, and on the way
+
+
+def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for one
+    """Refuse what is not one random key, typed or not; ValueError in one line."""
+    dtype: Any = getattr(key, "dtype", None)
+    shape = getattr(key, "shape", ())
+    if isinstance(key, jax.Array | jax.ShapeDtypeStruct) and jnp.issubdtype(dtype, jax.dtypes.prng_key):
+        axes = len(shape)
+    elif isinstance(key, jax.Array | np.ndarray | jax.ShapeDtypeStruct) and dtype == np.uint32 and shape:
+        axes = len(shape) - 1
+    else:
+        raise ValueError(f"key: expected a random key, such as jax.random.key(0), got {show(key)}")
+    if axes:
+        raise ValueError(f"key: expected one random key, got keys of shape {shape}; jax.vmap plays a batch of worlds")
+
+
+def check_params(params: object) -> None:
+    """Refuse what are not parameters; ValueError in one line."""
+    check_instance("params", params, EnvParams, "the parameters that make has returned")
+
+
+def check_state(state: object) -> None:
+    """Refuse what is not a state; ValueError in one line."""
+    check_instance("state", state, EnvState, "a state that reset or step has returned")
+
+
+def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> None:
+    """Refuse what is no row of the parameters; of an array only the shape and type; ValueError in one line."""
+    check_params(params)
+    if isinstance(game, jax.Array | np.ndarray) and game.dtype.kind in "iu" and not game.shape:
+        return
+    check_whole(name, game, least, params.games - 1)
+
+
+def check_policy(policy: object, takes: tuple[str, ...]) -> None:
+    """Refuse what cannot be called with so many arguments, or has no hash; ValueError in one line.
+
+    Args:
+        policy: what the caller gave.
+        takes: what its arguments are, for the message.
+    """
+    wanted = f"a function of {', '.join(takes[:-1])} and {takes[-1]}"
+    if not callable(policy):
+        raise ValueError(f"policy: expected {wanted}, got {show(policy)}")
+    try:
+        hash(policy)
+    except TypeError:
+        raise ValueError(f"policy: expected {wanted} that has a hash, got {show(policy)}") from None
+    if (signature := _signature(policy)) is None:
+        return
+    try:
+        signature.bind(*takes)
+    except TypeError:
+        given = one_line(str(signature))[:_MAX_SIGNATURE]
+        raise ValueError(f"policy: expected {wanted}, got one of {given}") from None
+
+
+def _signature(policy: Callable[..., Any]) -> inspect.Signature | None:
+    try:
+        return inspect.signature(policy)
+    except (ValueError, TypeError):  # some callables have none
+        return None
+
+
+def check_batch(name: str, environment: Environment, worlds: int, decisions: int = 0) -> None:
+    """Refuse a batch that takes more memory than is free.
+
+    Args:
+        name: of the argument that decides the size, for the message.
+        environment: that plays.
+        worlds: of the batch.
+        decisions: whose actions, rewards, flags and infos are kept.
+
+    Raises:
+        ValueError: one line with both figures.
+    """
+    layouts = [episode_layout(topology, environment.dtype) for topology in environment.topologies]
+    state = max(layout.rows * layout.word_size for layout in layouts)
+    space = environment.observation_space()
+    obs = math.prod(space.shape) * np.dtype(space.dtype).itemsize
+    decision = _BYTES_OF_DECISION + 4 * math.prod(environment.action_space().shape)
+    check_memory(name, worlds * (_COPIES * (state + obs) + decisions * decision), "play fewer worlds at a time")

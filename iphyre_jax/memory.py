@@ -1,0 +1,73 @@
+"""Memory: what a call will take is worked out before it is asked for, and refused if there is not so much."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+UNKNOWN: Final = 16 * 10**9  # bytes; taken for free where the system does not say
+_UNLIMITED: Final = 2**62  # bytes
+_ALWAYS: Final = 64 * 10**6  # bytes; a call that takes less is not worth the question
+_CONTROL_GROUP: Final = Path("/sys/fs/cgroup")
+
+
+def check_memory(name: str, needed: float, remedy: str) -> None:
+    """Refuse a call that would take more memory than is free.
+
+    Args:
+        name: of the argument that decides the size, for the message.
+        needed: bytes that the call will take, its results included.
+        remedy: what to do instead, for the message.
+
+    Raises:
+        ValueError: less is free; one line with both figures and the remedy.
+    """
+    if needed > _ALWAYS and needed > (free := available()):
+        figures = f"expected a call of at most {_gigabytes(free)}, the memory that is free, got {_gigabytes(needed)}"
+        raise ValueError(f"{name}: {figures}; {remedy}")
+
+
+def available() -> int:
+    """Return the bytes that this process may still take: of the machine, its control group and its own limit."""
+    return max(0, min(_of_machine(), _of_control_group(), _of_process()))
+
+
+def _of_machine() -> int:
+    for line in _lines(Path("/proc/meminfo")):
+        if line.startswith("MemAvailable:"):
+            return 1024 * int(line.split()[1])
+    return UNKNOWN
+
+
+def _of_control_group() -> int:
+    """Return what a container has left; caches of files count as used, of which the kernel frees some."""
+    most, used = (_lines(_CONTROL_GROUP / f"memory.{name}") for name in ("max", "current"))
+    inactive = [line.split()[1] for line in _lines(_CONTROL_GROUP / "memory.stat") if line.startswith("inactive_file ")]
+    if not most or not used or not most[0].isdigit():
+        return _UNLIMITED
+    return int(most[0]) - int(used[0]) + sum(map(int, inactive))
+
+
+def _of_process() -> int:
+    """Return what `ulimit -v` leaves."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # not on Windows
+        return _UNLIMITED
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    pages = _lines(Path("/proc/self/statm"))
+    if limit == resource.RLIM_INFINITY or not pages:
+        return _UNLIMITED
+    return limit - int(pages[0].split()[0]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+
+
+def _gigabytes(size: float) -> str:
+    return f"{size / 1e9:.3g} GB" if size < 1e15 else f"{size:.1e} bytes"

@@ -1,0 +1,109 @@
+"""The process that plays for the page: `python -m iphyre_jax.viewer.play.worker '{"memory": ..., ...}'`.
+
+Loaded programs take much memory (5 MB of a large scene's machine code take 200) and a compilation may take minutes. A
+process of its own can be ended, and gives all of it back.
+
+It reads a request a line, {"scene": contents of a scene file, "plan": steps, "fps": n, "dtype": name, "resets": n,
+"compile": whether it may}, and answers with a line and, after a play, with arrays: {"bytes": n, "result": fields,
+"memory": bytes} and n bytes of an NPZ; {"missing": true} for a program that had to be compiled; {"error": text,
+"is_mistake": of the request}. It ends when its input ends, even during a compilation, or when it was idle for a while.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import queue
+import sys
+import threading
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from iphyre_jax.scenes import scene_from_dict
+from iphyre_jax.viewer.recording import Recording, is_compiled, record
+
+ARRAYS: Final = ("poses", "velocities", "contacts")
+RESULTS: Final = ("success", "steps", "eliminations", "reward", "fault")
+
+
+def main() -> None:
+    """Answer requests until the input ends.
+
+    The first argument is a JSON object: "memory" (bytes of address space, also of a compilation; 0 for no limit),
+    "niceness", and "idle" (s; null to stay).
+    """
+    settings = json.loads(sys.argv[1])
+    _limit(settings["memory"], settings["niceness"])
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
+    requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin.buffer:
+            requests.put(line)
+        os._exit(0)  # nobody waits for an answer
+
+    threading.Thread(target=read, daemon=True).start()
+    _send(answers, {})
+    while True:
+        try:
+            line = requests.get(timeout=settings["idle"])
+        except queue.Empty:
+            os._exit(0)  # the ordinary way out would wait for the thread that reads
+        _send(answers, *_answer(json.loads(line)))
+
+
+def _limit(memory: int, niceness: int) -> None:
+    """Limit this process and the compilations that it starts."""
+    if memory:
+        try:
+            import resource  # not on Windows
+        except ImportError:
+            return
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    if niceness:
+        os.nice(niceness)
+
+
+def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+    """Play, unless the program is missing and must not be compiled."""
+    settings = {"fps": request["fps"], "dtype": request["dtype"]}
+    try:
+        scene = scene_from_dict(request["scene"])
+        if not request["compile"] and not is_compiled(scene, **settings):
+            return {"missing": True}, b""
+        recording = record(scene, request["plan"], resets=request["resets"], **settings)
+    except ValueError as error:
+        return {"error": str(error), "is_mistake": True}, b""
+    except Exception as error:  # of any type: the server must learn of it
+        return {"error": f"{type(error).__name__}: {error}".partition("\n")[0], "is_mistake": False}, b""
+    content = _pack(recording)
+    result = {name: getattr(recording, name) for name in RESULTS}
+    return {"bytes": len(content), "result": result, "memory": memory_in_use()}, content
+
+
+def _pack(recording: Recording) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **{name: getattr(recording, name) for name in ARRAYS})
+    return file.getvalue()
+
+
+def memory_in_use(process: int | None = None) -> int:
+    """Return the resident memory of a process, bytes; by default of this one. 0 where the system does not say."""
+    try:
+        fields = Path(f"/proc/{process or 'self'}/statm").read_text("ascii").split()
+        return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return 0
+
+
+def _send(answers: io.BufferedWriter, answer: dict[str, Any], content: bytes = b"") -> None:
+    answers.write(json.dumps(answer).encode() + b"\n" + content)
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main()
