@@ -49,7 +49,7 @@ VECTOR: dict[str, Callable[[Any], Any]] = {
     "RecordEpisodeStatistics": vector.RecordEpisodeStatistics,
     "TransformReward": lambda env: vector.TransformReward(env, lambda reward: reward / 100),
 }
-NEXT_STEP_ONLY = {
+NEXT_STEP_ONLY = {"DtypeObservation", "FlattenObservation", "NormalizeObservation"}  # gymnasium refuses same step
     "DtypeObservation",
     "FlattenObservation",
     "NormalizeObservation",

@@ -14,8 +14,8 @@ HEAD = f"""# Clients
 
 Trainers and libraries that run over the environments as they are, in versions of their own (`tests/clients/`).
 `make test-clients` runs all of them and writes this page. An agent trains on one game, about a minute of an idle
-machine. It must lead random play by {MARGIN:g} points and {SURE:g} standard errors. Scores are mean rewards of sampled episodes, ± one
-standard error.
+machine. It must lead random play by {MARGIN:g} points and by {SURE:g} standard errors. Scores are mean rewards of
+sampled episodes, ± one standard error.
 
 | client | version | what ran | score | random | s |
 |---|---|---|---|---|---|
