@@ -17,8 +17,8 @@ from score import Score, leave, record
 from iphyre_jax.adapters import register_gymnax
 
 NAME = "iphyre/on-the-fly-hole-v1"
-WORLDS, DECISIONS, WARM = 64, 2000, 32
-GAMMA, SCALE, TAU, HIDDEN = 0.99, 0.01, 0.01, 64
+WORLDS, DECISIONS, WARM, UPDATES = 64, 2000, 32, 8  # updates a decision
+GAMMA, SCALE, TAU, HIDDEN = 0.999, 0.01, 0.01, 64
 
 
 def main() -> bool:
@@ -69,13 +69,20 @@ def main() -> bool:
             "done": terminated | truncated,
         }
         replay = buffer.add(replay, step)
-        batch = buffer.sample(replay, sample_key).experience
-        grads = jax.grad(loss)(weights, target, batch)
-        changes, new_moments = optimiser.update(grads, moments)
-        ready = buffer.can_sample(replay)
-        keep = lambda new, old: jax.tree.map(lambda n, o: jnp.where(ready, n, o), new, old)  # noqa: E731
-        weights, moments = keep(optax.apply_updates(weights, changes), weights), keep(new_moments, moments)
-        target = optax.incremental_update(weights, target, TAU)
+
+        def learn(learner: Any, key: jax.Array) -> tuple[Any, None]:
+            weights, target, moments = learner
+            grads = jax.grad(loss)(weights, target, buffer.sample(replay, key).experience)
+            changes, moments = optimiser.update(grads, moments)
+            weights = optax.apply_updates(weights, changes)
+            return (weights, optax.incremental_update(weights, target, TAU), moments), None
+
+        weights, target, moments = jax.lax.cond(
+            buffer.can_sample(replay),
+            lambda learner: jax.lax.scan(learn, learner, jax.random.split(sample_key, UPDATES))[0],
+            lambda learner: learner,
+            (weights, target, moments),
+        )
         total = total + reward
         ended = step["done"]
         return (weights, target, moments, replay, state, next_obs, jnp.where(ended, 0.0, total), key), (total, ended)

@@ -50,10 +50,6 @@ VECTOR: dict[str, Callable[[Any], Any]] = {
     "TransformReward": lambda env: vector.TransformReward(env, lambda reward: reward / 100),
 }
 NEXT_STEP_ONLY = {"DtypeObservation", "FlattenObservation", "NormalizeObservation"}  # gymnasium refuses same step
-    "DtypeObservation",
-    "FlattenObservation",
-    "NormalizeObservation",
-}  # they refuse the same step by themselves
 
 
 def play(env: gymnasium.Env, steps: int = STEPS) -> None:
