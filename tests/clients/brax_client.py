@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from brax.training.agents.ppo import train as ppo
 from brax.training.agents.sac import train as sac
 from random_play import random_score
-from score import Score, leave, record
+from score import Score, leave, now, record
 
 from iphyre_jax.adapters import BraxEnv, mend_brax, register_gymnax
 
@@ -45,7 +44,7 @@ RUNS: dict[str, Callable[..., Any]] = {
 def train(run: str) -> bool:
     """Train one agent and write its record; the score is that of brax's own last evaluation."""
     mend_brax()
-    start, found = time.monotonic(), []
+    start, found = now(), []
     RUNS[run](
         environment=BraxEnv(PLANS),
         episode_length=150,
@@ -59,9 +58,8 @@ def train(run: str) -> bool:
     error = float(last["eval/episode_reward_std"]) / EVALUATED**0.5
     score = Score(float(last["eval/episode_reward"]), error, EVALUATED)
     ran = f"{run.upper()}, {RUNS[run].keywords['num_timesteps']} decisions, {PLANS}"
-    took = time.monotonic() - start
     random = random_score(f"iphyre/{PLANS.replace('/', '-')}")
-    return record(f"brax-{run}", "brax", ran, seconds=took, score=score, random=random)
+    return record(f"brax-{run}", "brax", ran, since=start, score=score, random=random)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import flashbax
@@ -12,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from random_play import random_score
-from score import Score, leave, record
+from score import Score, leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
@@ -87,7 +86,7 @@ def main() -> bool:
         ended = step["done"]
         return (weights, target, moments, replay, state, next_obs, jnp.where(ended, 0.0, total), key), (total, ended)
 
-    start = time.monotonic()
+    start = now()
     keys = jax.random.split(jax.random.key(0), 3)
     obs, state = jax.vmap(env.reset, in_axes=(0, None))(jax.random.split(keys[0], WORLDS), params)
     weights = init(keys[1])
@@ -98,8 +97,7 @@ def main() -> bool:
     last = slice(-DECISIONS // 5, None)
     score = Score.of(np.asarray(total)[last][np.asarray(ended)[last]])
     ran = f"DQN over its item buffer, {WORLDS} worlds, {WORLDS * DECISIONS} decisions, {NAME}"
-    took = time.monotonic() - start
-    return record("flashbax-dqn", "flashbax", ran, seconds=took, score=score, random=random_score(NAME))
+    return record("flashbax-dqn", "flashbax", ran, since=start, score=score, random=random_score(NAME))
 
 
 if __name__ == "__main__":

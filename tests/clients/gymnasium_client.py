@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +12,7 @@ from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector
-from score import leave, record
+from score import leave, now, record
 
 STRATEGIES = ("in-advance", "on-the-fly", "combined")
 ID = "iphyre_jax.gym:iphyre/on-the-fly-support-v1"
@@ -119,9 +118,9 @@ def main() -> None:
         ),
     }
     for number, (ran, run) in enumerate(parts.items()):
-        start = time.monotonic()
+        start = now()
         run()
-        record(f"gymnasium-{number + 1}", "gymnasium", ran, seconds=time.monotonic() - start)
+        record(f"gymnasium-{number + 1}", "gymnasium", ran, since=start)
     leave(True)
 
 

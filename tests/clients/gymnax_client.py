@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -21,7 +20,7 @@ from gymnax.wrappers import (
     StickyActionWrapper,
 )
 from random_play import random_score
-from score import leave, record
+from score import leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
@@ -91,7 +90,7 @@ if __name__ == "__main__":
         "GymnaxToGymWrapper, GymnaxToVectorGymWrapper, GymnaxToDmEnvWrapper": other_interfaces,
     }
     for number, (ran, run) in enumerate(parts.items()):
-        start = time.monotonic()
+        start = now()
         run()
-        record(f"gymnax-{number + 1}", "gymnax", ran, seconds=time.monotonic() - start)
+        record(f"gymnax-{number + 1}", "gymnax", ran, since=start)
     leave(True)

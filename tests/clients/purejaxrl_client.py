@@ -6,7 +6,6 @@ Written anew; what it shares with PureJaxRL's are the calls of gymnax, flax, dis
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,7 +22,7 @@ from flax.training.train_state import TrainState
 from gymnax.environments import spaces
 from gymnax.wrappers.purerl import GymnaxWrapper
 from random_play import random_score
-from score import Score, leave, record
+from score import Score, leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
@@ -178,12 +177,11 @@ def make_train(config: dict[str, Any]) -> Any:
 
 if __name__ == "__main__":
     register_gymnax()
-    start = time.monotonic()
+    start = now()
     out = jax.jit(make_train(CONFIG))(jax.random.PRNGKey(0))
     info = jax.tree.map(lambda leaf: np.asarray(leaf)[-10:], out["metrics"])  # of the last tenth
     assert "final_observation" not in info
     score = Score.of(info["returned_episode_returns"][info["returned_episode"]])
     decisions = CONFIG["NUM_ENVS"] * CONFIG["NUM_STEPS"] * CONFIG["NUM_UPDATES"]
     ran = f"PPO, {CONFIG['NUM_ENVS']} worlds, {decisions} decisions"
-    took = time.monotonic() - start
-    leave(record("purejaxrl-ppo", "gymnax", f"{ran}, {NAME}", seconds=took, score=score, random=random_score(NAME)))
+    leave(record("purejaxrl-ppo", "gymnax", f"{ran}, {NAME}", since=start, score=score, random=random_score(NAME)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import gymnax
@@ -10,7 +9,7 @@ import jax
 import numpy as np
 import rejax
 from random_play import random_score
-from score import Score, leave, record
+from score import Score, leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
@@ -59,14 +58,13 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 def train(run: str) -> bool:
     """Train one agent and write its record; the score is that of rejax's own last evaluation."""
     name, settings = RUNS[run]
-    start = time.monotonic()
+    start = now()
     env, env_params = gymnax.make(name)
     agent = rejax.get_algo(run).create(env=env, env_params=env_params, skip_initial_evaluation=True, **settings)
     _, (_, returns) = jax.jit(agent.train)(jax.random.PRNGKey(0))
     score = Score.of(np.asarray(returns)[-1])
     ran = f"{run.upper()}, {settings['num_envs']} worlds, {settings['total_timesteps']} decisions, {name}"
-    took = time.monotonic() - start
-    return record(f"rejax-{run}", "rejax", ran, seconds=took, score=score, random=random_score(name))
+    return record(f"rejax-{run}", "rejax", ran, since=start, score=score, random=random_score(name))
 
 
 if __name__ == "__main__":

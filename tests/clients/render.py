@@ -12,13 +12,13 @@ from iphyre_jax.files import read_json_object, replace_text
 PAGE = Path(__file__).parents[2] / "docs" / "results" / "clients.md"
 HEAD = f"""# Clients
 
-Trainers and libraries that run over the environments as they are, in versions of their own (`tests/clients/`).
-`make test-clients` runs all of them and writes this page. An agent trains on one game, about a minute of an idle
-machine. It must lead random play by {MARGIN:g} points and by {SURE:g} standard errors. Scores are mean rewards of
-sampled episodes, ± one standard error.
+Trainers and libraries of others that run over the environments as they are, in the versions of `tests/clients/*.txt`.
+Written by `make test-clients`. An agent trains on one game for about a minute of an idle machine, compilation included.
+It must lead random play by {MARGIN:g} points and by {SURE:g} standard errors. Scores are mean rewards of sampled
+episodes, ± one standard error. *s* is processor time. [Other libraries](../guide/clients.md) has the lines to copy.
 
-| client | version | what ran | score | random | s |
-|---|---|---|---|---|---|
+| client | version | what ran | score | random | seed | fps | s | commit |
+|---|---|---|---:|---:|---:|---:|---:|---|
 """
 
 
@@ -27,9 +27,21 @@ def row(content: dict[str, Any]) -> str:
     score, random = (
         f"{part['mean']:.1f} ± {part['error']:.1f}" if part else "-" for part in (content["score"], content["random"])
     )
+    seed = content["seed"] if content["score"] else "-"
     name = content["client"] if content["passed"] else f"{content['client']} (failed)"
-    package = f"{content['package']} {content['version']}"
-    return f"| {name} | {package} | {content['ran']} | {score} | {random} | {content['seconds']:.0f} |"
+    commit, _, changes = (content["commit"] or "unknown").partition("+")
+    cells = [
+        name,
+        f"{content['package']} {content['version']}",
+        content["ran"],
+        score,
+        random,
+        seed,
+        content["fps"],
+        f"{content['processor_seconds']:.0f}",
+        commit[:9] + ("+changes" if changes else ""),
+    ]
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def main() -> None:
@@ -37,8 +49,10 @@ def main() -> None:
     records = [read_json_object(path) for path in sorted(FOLDER.glob("*.json"))]
     if not records:
         raise SystemExit(f"{FOLDER}: expected records, got none")
-    runs = sorted({f"{r['provenance'].get('commit', '?')}" for r in records})
-    replace_text(PAGE, HEAD + "\n".join(map(row, records)) + f"\n\nCommits: {', '.join(runs)}.\n")
+    packages = sorted({f"{name} {version}" for each in records for name, version in each["versions"].items()})
+    machines = sorted({f"{each['device']}, {each['processor']}" for each in records})
+    foot = f"Versions: {', '.join(packages)}. Machine: {'; '.join(machines)}."
+    replace_text(PAGE, HEAD + "\n".join(map(row, records)) + f"\n\n{foot}\n")
 
 
 if __name__ == "__main__":

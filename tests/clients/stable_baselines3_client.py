@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
-from score import Score, leave, record
+from score import Score, leave, now, record
 from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.env_util import make_vec_env
@@ -17,7 +16,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-EPISODES = 100
+EPISODES = 50
 FLY, PLANS = (f"iphyre_jax.gym:iphyre/{name}-v1" for name in ("on-the-fly-hole", "in-advance-support"))
 
 
@@ -28,12 +27,12 @@ def hundredth(env: gymnasium.Env) -> gymnasium.Env:
 
 def ppo(envs: VecEnv) -> BaseAlgorithm:
     """Return the library's PPO."""
-    return PPO("MlpPolicy", envs, n_steps=256, batch_size=256, seed=0, device="cpu")
+    return PPO("MlpPolicy", envs, n_steps=512 // envs.num_envs, learning_rate=1e-3, seed=0, device="cpu")
 
 
 def dqn(envs: VecEnv) -> BaseAlgorithm:
     """Return the library's DQN."""
-    return DQN("MlpPolicy", envs, learning_starts=1000, exploration_fraction=0.5, gamma=0.999, seed=0, device="cpu")
+    return DQN("MlpPolicy", envs, learning_starts=1000, learning_rate=5e-4, exploration_fraction=0.5, gamma=0.999, seed=0, device="cpu")
 
 
 def sac(envs: VecEnv) -> BaseAlgorithm:
@@ -42,12 +41,12 @@ def sac(envs: VecEnv) -> BaseAlgorithm:
 
 
 RUNS: dict[str, tuple[Callable[[VecEnv], BaseAlgorithm], str, type[VecEnv], int, int]] = {  # with worlds and decisions
-    "ppo-dummy": (ppo, FLY, DummyVecEnv, 8, 40_000),
-    "ppo-subproc": (ppo, PLANS, SubprocVecEnv, 2, 10_240),
-    "dqn-dummy": (dqn, FLY, DummyVecEnv, 4, 40_000),
-    "dqn-subproc": (dqn, FLY, SubprocVecEnv, 2, 30_000),
-    "sac-dummy": (sac, PLANS, DummyVecEnv, 1, 3_000),
-    "sac-subproc": (sac, PLANS, SubprocVecEnv, 2, 3_000),
+    "ppo-dummy": (ppo, PLANS, DummyVecEnv, 8, 8_192),
+    "ppo-subproc": (ppo, PLANS, SubprocVecEnv, 2, 8_192),
+    "dqn-dummy": (dqn, FLY, DummyVecEnv, 4, 20_000),
+    "dqn-subproc": (dqn, FLY, SubprocVecEnv, 2, 20_000),
+    "sac-dummy": (sac, PLANS, DummyVecEnv, 1, 2_000),
+    "sac-subproc": (sac, PLANS, SubprocVecEnv, 2, 2_000),
 }
 
 
@@ -69,7 +68,7 @@ def random_score(name: str) -> Score:
 def train(run: str, random: dict[str, Score]) -> bool:
     """Train one agent and write its record."""
     make_agent, name, kind, count, decisions = RUNS[run]
-    start = time.monotonic()
+    start = now()
     envs: Any = make_vec_env(name, n_envs=count, seed=0, vec_env_cls=kind, wrapper_class=hundredth)
     agent = make_agent(envs)
     agent.learn(decisions)
@@ -78,9 +77,8 @@ def train(run: str, random: dict[str, Score]) -> bool:
         agent, Monitor(gymnasium.make(name)), EPISODES, deterministic=False, return_episode_rewards=True
     )
     ran = f"{run.partition('-')[0].upper()}, {kind.__name__} of {count}, {agent.num_timesteps} decisions, {name}"
-    took = time.monotonic() - start
     return record(
-        f"stable-baselines3-{run}", "stable-baselines3", ran, seconds=took, score=Score.of(rewards), random=random[name]
+        f"stable-baselines3-{run}", "stable-baselines3", ran, since=start, score=Score.of(rewards), random=random[name]
     )
 
 
