@@ -32,7 +32,16 @@ def ppo(envs: VecEnv) -> BaseAlgorithm:
 
 def dqn(envs: VecEnv) -> BaseAlgorithm:
     """Return the library's DQN."""
-    return DQN("MlpPolicy", envs, learning_starts=1000, learning_rate=5e-4, exploration_fraction=0.5, gamma=0.999, seed=0, device="cpu")
+    return DQN(
+        "MlpPolicy",
+        envs,
+        learning_starts=1000,
+        learning_rate=5e-4,
+        exploration_fraction=0.5,
+        gamma=0.999,
+        seed=0,
+        device="cpu",
+    )
 
 
 def sac(envs: VecEnv) -> BaseAlgorithm:
