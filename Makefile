@@ -47,19 +47,25 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
-test-clients: ## trainers and libraries of others over the environments, in environments of their own; writes docs/results/clients.md
-	$(PYTHON) -m venv $(CLIENTS_VENV)-jax
-	$(CLIENTS_VENV)-jax/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/clients/jax.txt
-	$(CLIENTS_VENV)-jax/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
-	$(PYTHON) -m venv $(CLIENTS_VENV)-torch
-	$(CLIENTS_VENV)-torch/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/clients/torch.txt
-	$(CLIENTS_VENV)-torch/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+# A client that fails does not keep the others from running; what ran goes into the page.
+CLIENTS_torch := gymnasium stable_baselines3 cleanrl official
+CLIENTS_jax := gymnax purejaxrl rejax brax flashbax jumanji dm_env
+
+test-clients: .venv/.stamp $(CLIENTS_VENV)-torch/.stamp $(CLIENTS_VENV)-jax/.stamp ## trainers and libraries of others over the environments; writes docs/results/clients.md
 	rm -rf build/clients
-	failed=0; \
-	for kind in torch jax; do $(CLIENTS_VENV)-$$kind/bin/python tests/clients/documents.py $$kind || failed=1; done; \
-	for client in gymnasium stable_baselines3; do $(CLIENTS_VENV)-torch/bin/python tests/clients/$${client}_client.py || failed=1; done; \
-	for client in gymnax purejaxrl rejax brax flashbax; do $(CLIENTS_VENV)-jax/bin/python tests/clients/$${client}_client.py || failed=1; done; \
-	$(CLIENTS_VENV)-jax/bin/python tests/clients/render.py && exit $$failed
+	bad=0; \
+	for kind in torch jax; do $(CLIENTS_VENV)-$$kind/bin/python tests/clients/documents.py $$kind || bad=1; done; \
+	for client in $(CLIENTS_torch); do $(CLIENTS_VENV)-torch/bin/python tests/clients/$${client}_client.py || bad=1; done; \
+	for client in $(CLIENTS_jax); do $(CLIENTS_VENV)-jax/bin/python tests/clients/$${client}_client.py || bad=1; done; \
+	$(CLIENTS_VENV)-torch/bin/python examples/stable_baselines3_loop.py || bad=1; \
+	$(PY) tests/clients/forty_games_client.py || bad=1; \
+	$(PY) tests/clients/render.py && exit $$bad
+
+$(CLIENTS_VENV)-%/.stamp: tests/clients/%.txt
+	$(PYTHON) -m venv $(CLIENTS_VENV)-$*
+	$(CLIENTS_VENV)-$*/bin/python -m pip install --quiet --disable-pip-version-check --requirement $<
+	$(CLIENTS_VENV)-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
 
 # Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
 FAULTS := attempts kill damage disk_full hostile_files arguments extreme_scenes

@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from iphyre_jax.checks import missing_extra
+
 if TYPE_CHECKING:
     from iphyre_jax.adapters.brax_env import BraxEnv, mend_brax
     from iphyre_jax.adapters.dm_environment import DmEnv
@@ -59,6 +61,4 @@ def __getattr__(name: str) -> object:
     except ModuleNotFoundError as error:
         if extra is None or (error.name or "").partition(".")[0] == "iphyre_jax":
             raise
-        raise ImportError(
-            f"{name} needs the extra {extra!r} ({error.name} is missing): pip install 'iphyre-jax[{extra}]'"
-        ) from None
+        raise missing_extra(name, extra, error.name) from None

@@ -9,7 +9,16 @@ import tempfile
 from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "clients.md"
-NEEDS = {"Stable-Baselines3": "torch", "PureJaxRL and rejax": "jax", "gymnax": "jax", "brax": "jax"}
+NEEDS = {
+    "Stable-Baselines3": "torch",
+    "CleanRL": "torch",
+    "PureJaxRL and rejax": "jax",
+    "gymnax": "jax",
+    "brax": "jax",
+    "flashbax": "jax",
+    "jumanji": "jax",
+    "dm_env": "jax",
+}
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 LINES = re.compile(r"^```py\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 
