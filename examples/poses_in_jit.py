@@ -35,5 +35,5 @@ def poses(topology: Topology, world: World, timing: Timing, plan: jax.Array, ste
 if __name__ == "__main__":
     scene = iphyre_jax.load_scene("support")
     topology, world = compile_scene(scene, dtype="float32")
-    film, success = poses(topology, world, step_timing(60, "float32"), np.array([18, 6], np.int32), 120)
+    film, success = poses(topology, world, step_timing(60, "float32"), np.array([18, 6], np.int32), 150)
     print("the ball after each half second:", film[29::30, -1, :2].round(1).tolist(), "solved:", bool(success))

@@ -42,6 +42,7 @@ def test_seeds_under_vmap_are_the_runs_of_each(monkeypatch: pytest.MonkeyPatch) 
     assert not np.array_equal(rewards[0], rewards[1])
 
 
+@pytest.mark.slow
 def test_ppo_on_many_games_learns_something() -> None:
     with jax.numpy_rank_promotion("allow"):
         train = example("ppo_forty_games")["make_train"]("support", episodes=64, updates=12)
@@ -70,7 +71,7 @@ def test_poses_are_those_of_simulate() -> None:
     steps = int(played.steps[0])
     assert bool(success) == bool(played.success[0])
     movers = [k for k, moves in enumerate(scene.dynamic) if moves]
-    np.testing.assert_allclose(film[: steps - 1], played.samples[0, 1:steps, movers], atol=0.01)
+    np.testing.assert_allclose(film[: steps - 1], played.samples[0, 1:steps][:, movers], atol=0.01)
 
 
 def test_the_scene_can_be_solved_but_not_by_anything() -> None:
@@ -85,6 +86,6 @@ def test_the_scene_can_be_solved_but_not_by_anything() -> None:
 def test_a_derivative_leads_to_the_wanted_place() -> None:
     names = example("gradients")
     end = names["make_end"](names["ramp"]())
-    away = names["fit"](end, start=200.0, wanted=300.0, rounds=3)
+    away = names["fit"](end, start=200.0, wanted=300.0)
     assert abs(away[0]) > 50
-    assert abs(away[2]) < 0.1
+    assert abs(away[-1]) < 0.1
