@@ -5,6 +5,7 @@ PY := .venv/bin/python
 WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
+CLIENTS_VENV := build/clients
 BROWSER_VENV := build/browser-venv
 MINARI_VENV := build/minari-venv
 DOCS_VENV := build/docs-venv
@@ -13,7 +14,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners test-data test-minari chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners test-data test-minari chromium test-browser lint parity parity-random golden test-clients \
 	parity-official pictures wheel results results-paper docs docs-pictures bench clean
 
 help: ## list the targets
@@ -46,6 +47,26 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(PYTHON) -m venv $(ADAPTERS_VENV)
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
+
+# A client that fails does not keep the others from running; what ran goes into the page.
+CLIENTS_torch := gymnasium stable_baselines3 cleanrl official
+CLIENTS_jax := gymnax purejaxrl rejax brax flashbax jumanji dm_env
+
+test-clients: .venv/.stamp $(CLIENTS_VENV)-torch/.stamp $(CLIENTS_VENV)-jax/.stamp ## trainers and libraries of others over the environments; writes docs/results/clients.md
+	rm -rf build/clients
+	bad=0; \
+	for kind in torch jax; do $(CLIENTS_VENV)-$$kind/bin/python tests/clients/documents.py $$kind || bad=1; done; \
+	for client in $(CLIENTS_torch); do $(CLIENTS_VENV)-torch/bin/python tests/clients/$${client}_client.py || bad=1; done; \
+	for client in $(CLIENTS_jax); do $(CLIENTS_VENV)-jax/bin/python tests/clients/$${client}_client.py || bad=1; done; \
+	$(CLIENTS_VENV)-torch/bin/python examples/stable_baselines3_loop.py || bad=1; \
+	$(PY) tests/clients/forty_games_client.py || bad=1; \
+	$(PY) tests/clients/render.py && exit $$bad
+
+$(CLIENTS_VENV)-%/.stamp: tests/clients/%.txt
+	$(PYTHON) -m venv $(CLIENTS_VENV)-$*
+	$(CLIENTS_VENV)-$*/bin/python -m pip install --quiet --disable-pip-version-check --requirement $<
+	$(CLIENTS_VENV)-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $@
 
 # Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
 FAULTS := attempts kill damage disk_full hostile_files arguments extreme_scenes

@@ -166,6 +166,12 @@ def _is_number(value: object) -> bool:
     return real and not (isinstance(value, float | np.floating) and math.isnan(value))
 
 
+def missing_extra(what: str, extra: str, package: str | None) -> ModuleNotFoundError:
+    """Return the error, in one line, of what needs a package that an optional extra brings."""
+    line = f"{what} needs the extra {extra!r} ({package} is missing): pip install 'iphyre-jax[{extra}]'"
+    return ModuleNotFoundError(line, name=package)
+
+
 def show(value: object) -> str:
     """Write any value, however large or strange, in one short printable line."""
     if isinstance(value, (list, tuple)):

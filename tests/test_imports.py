@@ -47,7 +47,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "cli"}
-ADAPTED = {"gymnasium", "brax", "gymnax", "minari"}
+ADAPTED = {"gymnasium", "brax", "gymnax", "minari", "dm_env", "jumanji"}
 
 
 def modules() -> list[tuple[str, Path]]:

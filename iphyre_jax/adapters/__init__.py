@@ -3,21 +3,29 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from iphyre_jax.checks import missing_extra
+
 if TYPE_CHECKING:
     from iphyre_jax.adapters.brax_env import BraxEnv, mend_brax
+    from iphyre_jax.adapters.dm_environment import DmEnv
     from iphyre_jax.adapters.five_values import FiveValues
     from iphyre_jax.adapters.gymnasium_env import GymnasiumEnv
     from iphyre_jax.adapters.gymnasium_ids import register_gymnasium
     from iphyre_jax.adapters.gymnasium_vector import GymnasiumVectorEnv
     from iphyre_jax.adapters.gymnax_env import GymnaxEnv
     from iphyre_jax.adapters.gymnax_ids import register_gymnax
+    from iphyre_jax.adapters.host_pool import HostPool
+    from iphyre_jax.adapters.jumanji_env import JumanjiEnv
 
 __all__ = [
     "BraxEnv",
+    "DmEnv",
     "FiveValues",
     "GymnasiumEnv",
     "GymnasiumVectorEnv",
     "GymnaxEnv",
+    "HostPool",
+    "JumanjiEnv",
     "mend_brax",
     "register_gymnasium",
     "register_gymnax",
@@ -26,10 +34,13 @@ __all__ = [
 # Name: its module, and the extra that it needs.
 _HOME = {
     "BraxEnv": ("brax_env", "brax"),
+    "DmEnv": ("dm_environment", "dm-env"),
     "FiveValues": ("five_values", None),
     "GymnasiumEnv": ("gymnasium_env", "gymnasium"),
     "GymnasiumVectorEnv": ("gymnasium_vector", "gymnasium"),
     "GymnaxEnv": ("gymnax_env", None),
+    "HostPool": ("host_pool", None),
+    "JumanjiEnv": ("jumanji_env", "jumanji"),
     "mend_brax": ("brax_env", "brax"),
     "register_gymnasium": ("gymnasium_ids", "gymnasium"),
     "register_gymnax": ("gymnax_ids", None),
@@ -50,6 +61,4 @@ def __getattr__(name: str) -> object:
     except ModuleNotFoundError as error:
         if extra is None or (error.name or "").partition(".")[0] == "iphyre_jax":
             raise
-        raise ImportError(
-            f"{name} needs the extra {extra!r} ({error.name} is missing): pip install 'iphyre-jax[{extra}]'"
-        ) from None
+        raise missing_extra(name, extra, error.name) from None

@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
+from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed
+from iphyre_jax.adapters.endings import gymnasium_flags
+from iphyre_jax.checks import check_instance, show
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.spaces import Discrete, Space
@@ -21,7 +23,6 @@ from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
 
 RENDER_SIZE = 600  # px
-SEEDS = 2**31  # seeds of keys, drawn from an environment's generator
 
 
 def space_of(space: Space) -> gymnasium.Space[Any]:
@@ -31,17 +32,6 @@ def space_of(space: Space) -> gymnasium.Space[Any]:
     if space.dtype == "uint8":
         return gymnasium.spaces.Box(int(space.low), int(space.high), space.shape, np.uint8)
     return gymnasium.spaces.Box(space.low, space.high, space.shape, np.float32)
-
-
-def gymnasium_flags(env: Environment, terminated: Any, truncated: Any) -> tuple[Any, Any]:  # noqa: ANN401
-    """Return terminated and truncated by gymnasium's definition; scalars or arrays.
-
-    An in-advance episode is one decision, so it always ends by itself: it is terminated, solved or not. Officially a
-    failure is truncated; the info has the official flags, `official_terminated` and `official_truncated`.
-    """
-    if env.strategy.name == "in-advance":
-        return terminated | truncated, terminated & False
-    return terminated, truncated
 
 
 class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
@@ -153,11 +143,6 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.__dict__.update(on_device(content, ("params", "_state"), content["_x64"]))
 
 
-def checked_seed(seed: object) -> int | None:
-    """Return a seed as an int, or None; ValueError in one line unless it is one or the other."""
-    return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
-
-
 def check_render_mode(render_mode: object) -> None:
     """Raise ValueError, one line, for a render mode that the environments lack."""
     if render_mode is not None and (not isinstance(render_mode, str) or render_mode != "rgb_array"):
@@ -191,28 +176,3 @@ def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[
 @partial(jax.jit, static_argnums=0)
 def _picture(env: Environment, params: EnvParams, state: EnvState) -> jax.Array:
     return draw(drawing_of(*env.worlds.pose(params, state)), RENDER_SIZE)
-
-
-def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401
-    """Return an action, or a batch of actions, as an array of the space's dtype.
-
-    Raises:
-        ValueError: it has another shape or dtype, or lies outside the space; one line.
-    """
-    try:
-        array = np.asarray(action)
-    except ValueError:
-        raise ValueError("action: expected an array, got rows of unequal length") from None
-    if array.shape != batch + space.shape:
-        raise ValueError(f"action: expected shape {batch + space.shape}, got {array.shape}")
-    if isinstance(space, Discrete):
-        if array.dtype.kind not in "iu":
-            raise ValueError(f"action: expected whole numbers, got dtype {array.dtype}")
-        if array.size and not (array.min() >= 0 and array.max() < space.n):
-            raise ValueError(f"action: expected numbers from 0 to {space.n - 1}, got {array.min()} to {array.max()}")
-        return array.astype(np.int32)
-    if array.dtype.kind not in "fiu":
-        raise ValueError(f"action: expected numbers, got dtype {array.dtype}")
-    if not ((array >= space.low) & (array <= space.high)).all():
-        raise ValueError(f"action: expected numbers from {space.low:g} to {space.high:g}, got one outside or NaN")
-    return array.astype(space.dtype)

@@ -14,14 +14,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed
+from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.adapters.gymnasium_env import (
     RENDER_SIZE,
-    SEEDS,
     check_render_mode,
-    checked_action,
-    checked_seed,
     game_row,
-    gymnasium_flags,
     on_device,
     on_host,
     space_of,

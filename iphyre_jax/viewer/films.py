@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import IO, Final, cast
 
 import numpy as np
-from PIL import Image
 
-from iphyre_jax.checks import one_line
+from iphyre_jax.checks import missing_extra, one_line
 from iphyre_jax.files import replacing
 from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
 from iphyre_jax.viewer.recording import Recording
+
+try:
+    from PIL import Image
+except ModuleNotFoundError as error:
+    raise missing_extra(__name__, "viewer", error.name) from None
 
 SUFFIXES: Final = (".png", ".gif", ".mp4")
 GIF_TICK = 100  # a GIF counts time in hundredths of a second

@@ -7,12 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw
 
-from iphyre_jax.checks import check_flag, check_instance, check_least, check_whole, is_list, one_line, show
+from iphyre_jax.checks import (
+    check_flag,
+    check_instance,
+    check_least,
+    check_whole,
+    is_list,
+    missing_extra,
+    one_line,
+    show,
+)
 from iphyre_jax.viewer.painter import SUPERSAMPLING, Painter, blend, font
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import Theme, theme
+
+try:
+    from PIL import Image, ImageDraw
+except ModuleNotFoundError as error:
+    raise missing_extra(__name__, "viewer", error.name) from None
 
 GAP = 8  # px between two pictures
 TRAIL_POINTS = 60  # most lines in a trail

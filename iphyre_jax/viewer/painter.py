@@ -14,13 +14,18 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
 
+from iphyre_jax.checks import missing_extra
 from iphyre_jax.observations import drawing
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer.themes import Colour, Theme
+
+try:
+    from PIL import Image, ImageDraw, ImageFont
+except ModuleNotFoundError as error:
+    raise missing_extra(__name__, "viewer", error.name) from None
 
 SUPERSAMPLING = 2  # factor by which pictures are drawn larger and then shrunk, which smooths the edges
 OUTLINE = 1.6  # px of the scene

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import Image
 
-from iphyre_jax.checks import check_instance, check_whole, is_list, show
+from iphyre_jax.checks import check_instance, check_whole, is_list, missing_extra, show
 from iphyre_jax.memory import check_memory
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.scene import check_is_scene
@@ -15,6 +14,11 @@ from iphyre_jax.viewer.frames import MAX_FRAME, Camera, Frame, Look
 from iphyre_jax.viewer.painter import blend
 from iphyre_jax.viewer.recording import Recording
 from iphyre_jax.viewer.themes import theme
+
+try:
+    from PIL import Image
+except ModuleNotFoundError as error:
+    raise missing_extra(__name__, "viewer", error.name) from None
 
 GAP = 6  # px between the pictures
 MAX_PICTURES = 400

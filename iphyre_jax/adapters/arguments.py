@@ -1,0 +1,43 @@
+"""Checks of what adapters on the host are given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import MAX_SEED, check_whole
+from iphyre_jax.envs.spaces import Discrete, Space
+
+SEEDS = 2**31  # seeds of keys, drawn from an environment's generator
+
+
+def checked_seed(seed: object) -> int | None:
+    """Return a seed as an int, or None; ValueError in one line unless it is one or the other."""
+    return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
+
+
+def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401
+    """Return an action, or a batch of actions, as an array of the space's dtype.
+
+    Raises:
+        ValueError: it has another shape or dtype, or lies outside the space; one line.
+    """
+    try:
+        array = np.asarray(action)
+    except ValueError:
+        raise ValueError("action: expected an array, got rows of unequal length") from None
+    if array.shape != batch + space.shape:
+        raise ValueError(f"action: expected shape {batch + space.shape}, got {array.shape}")
+    if isinstance(space, Discrete):
+        if array.dtype.kind not in "iu":
+            raise ValueError(f"action: expected whole numbers, got dtype {array.dtype}")
+        if array.size and not (array.min() >= 0 and array.max() < space.n):
+            raise ValueError(f"action: expected numbers from 0 to {space.n - 1}, got {array.min()} to {array.max()}")
+        return array.astype(np.int32)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"action: expected numbers, got dtype {array.dtype}")
+    if not ((array >= space.low) & (array <= space.high)).all():
+        raise ValueError(f"action: expected numbers from {space.low:g} to {space.high:g}, got one outside or NaN")
+    return array.astype(space.dtype)

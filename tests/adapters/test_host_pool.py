@@ -1,0 +1,106 @@
+"""The pool with EnvPool's calls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from iphyre_jax.adapters import HostPool
+
+WORLDS = 4
+DECISIONS = 3
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[HostPool]:
+    one = HostPool("on-the-fly/support-v1", WORLDS, batch_size=2)
+    yield one
+    one.close()
+
+
+def _actions(worlds: np.ndarray, decision: int) -> np.ndarray:
+    return (worlds + decision) % 3
+
+
+def test_batches_of_half_the_worlds_play_what_one_batch_plays(pool: HostPool) -> None:
+    whole = HostPool("on-the-fly/support-v1", WORLDS)
+    obs, info = whole.reset()
+    expected = [obs]
+    np.testing.assert_array_equal(info["env_id"], np.arange(WORLDS))
+    rewards = []
+    for decision in range(DECISIONS):
+        obs, reward, terminated, truncated, info = whole.step(_actions(np.arange(WORLDS), decision))
+        assert (obs.dtype, reward.dtype, terminated.dtype, truncated.dtype) == (np.float32, np.float32, bool, bool)
+        assert obs.shape == info["final_observation"].shape == (WORLDS, *whole.observation_space.shape)
+        expected.append(obs)
+        rewards.append(reward)
+    whole.close()
+    assert len(np.unique(rewards)) > 1
+    pool.async_reset()
+    seen = np.zeros(WORLDS, int)
+    for _ in range(2 * (DECISIONS + 1)):
+        obs, reward, _, _, info = pool.recv()
+        worlds = info["env_id"]
+        decision = int(seen[worlds[0]])
+        np.testing.assert_array_equal(obs, expected[decision][worlds])
+        if decision:
+            np.testing.assert_array_equal(reward, rewards[decision - 1][worlds])
+        seen[worlds] += 1
+        if decision < DECISIONS:
+            pool.send(_actions(worlds, decision), worlds)
+    np.testing.assert_array_equal(seen, DECISIONS + 1)
+    with pytest.raises(ValueError, match=r"^recv: expected a call of send, reset or async_reset before$"):
+        pool.recv()
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ([0, 1], "world 1 has no such values"),
+        ([0, 0], "each once"),
+        ([0, 9], "from 0 to 3"),
+        ([0.0, 2.0], "2 whole numbers"),
+        (None, "2 whole numbers"),
+    ],
+)
+def test_actions_for_worlds_that_wait_for_none_are_refused(pool: HostPool, env_id: object, message: str) -> None:
+    pool.async_reset()
+    worlds = pool.recv()[-1]["env_id"]
+    pool.send([0, 0], worlds)
+    pool.recv()  # of the other two
+    pool._waiting[:] = [True, False, True, False]  # whichever were first
+    with pytest.raises(ValueError, match=r"^env_id: expected") as caught:
+        pool.send([0, 0], env_id)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=r"^action: expected numbers from 0 to 6"):
+        pool.send([0, 7], [0, 2])
+    with pytest.raises(ValueError, match=r"^reset: expected async_reset"):
+        pool.reset()
+
+
+def test_an_episode_in_advance_ends_by_itself_and_another_begins() -> None:
+    pool = HostPool("in-advance/support-v1", 2)
+    first, _ = pool.reset()
+    obs, _, terminated, truncated, info = pool.step(np.zeros((2, 6), np.float32))
+    pool.close()
+    assert terminated.all()
+    assert not truncated.any()
+    assert not info["success"].any()
+    np.testing.assert_array_equal(obs, first)
+    assert (info["final_observation"] != first).any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 4, "batch_size": 3}, "batch_size: expected a divisor of 4, got 3"),
+        ({"num_envs": 0}, "num_envs: expected"),
+        ({"autoreset": False}, "autoreset: expected none"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{message}"):
+        HostPool("on-the-fly/support-v1", **arguments)
