@@ -40,6 +40,7 @@ PARTS = (
     "compat",
     "train",
     "viewer",
+    "attempts",
     "cli",
     "__main__",
 )
