@@ -40,6 +40,7 @@ PARTS = (
     "compat",
     "train",
     "viewer",
+    "data",
     "attempts",
     "cli",
     "__main__",

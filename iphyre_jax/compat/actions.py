@@ -73,7 +73,7 @@ def generate_actions(
     check_whole("seed", seed, 0, 2**32 - 1)
     check_least("epsilon", epsilon, 0, 1)
     instants = _instants(scene, interval, max_game_time, max_action_time, max_step)
-    plans = _draw(instants, len(scene.eliminable_blocks), max_step, seed, epsilon)
+    plans = draw_plans(instants, len(scene.eliminable_blocks), max_step, seed, epsilon)
     succeeded: list[Action] = []
     failed: list[Action] = []
     drawn = 0
@@ -123,8 +123,16 @@ def _score_in_batches(scene: Scene, plans: Iterator[Action]) -> Iterator[tuple[A
         yield from zip(batch, _score_plans(scene, full, first)[: len(batch)], strict=True)
 
 
-def _draw(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:
-    """Draw plans until there are no others, with the random numbers in the official order."""
+def draw_plans(instants: list[float], blocks: int, slots: int, seed: int, epsilon: float) -> Iterator[Action]:
+    """Draw plans until there are no others, with the random numbers in the official order.
+
+    Args:
+        instants: s, the times to draw from.
+        blocks: how many times to draw.
+        slots: of a plan; those beyond the blocks are 0.
+        seed: of both official streams.
+        epsilon: probability that a time becomes 0.
+    """
     generator, noise = random.Random(seed), np.random.RandomState(seed)  # noqa: S311  # the official streams
     drawn: set[tuple[float, ...]] = set()
     while True:

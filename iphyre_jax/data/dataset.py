@@ -1,0 +1,261 @@
+"""A data set of plays, in memory and as two files: NAME.npz, arrays without pickles, and NAME.json, the manifest.
+
+{"schema": "iphyre_jax/dataset", "version": 1,
+ "distribution": "official", "form": "fresh", "fps": 60, "rule": "simulate", "frames": 900, "resets": 1,
+ "dtype": "float64", "seed": 0, "split": "train",
+ "scenes": [{"scene": "support", "sha256": ..., "iterations": 122, ...}, ...],
+ "arrays": {"game": {"dtype": "int32", "shape": [4000], "sha256": ...}, ...},
+ "npz": {"bytes": ..., "sha256": ...}, "sha256": ...}          of the whole manifest without this field
+
+A reader refuses a changed byte of either file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import is_list, one_line, show
+from iphyre_jax.files import parse_json, read_npz, replace_bytes
+from iphyre_jax.memory import check_memory
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
+
+SCHEMA: Final = "iphyre_jax/dataset"
+VERSION: Final = 1
+MAX_MANIFEST: Final = 200_000_000  # bytes; ten thousand scenes take some 10 MB
+MAX_ARRAYS: Final = 2**34  # bytes
+MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
+REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
+_PACKAGE_GAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
+_DTYPES: Final = {
+    "game": ("int32",),
+    "times": ("float32",),
+    "steps": ("int16",),
+    "success": ("bool",),
+    "end_step": ("int16",),
+    "removals": ("int8",),
+    "draw": ("int32",),
+    "poses": ("float32", "float64"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """N plays.
+
+    Attributes:
+        scenes: every scene of the manifest, in its order.
+        game: (N,) int32, index into `scenes`.
+        times: (N, S) float32, s; NaN is never. Column i is the i-th eliminable block; S is 6, or more if a scene's
+            limits are larger. An entry may lie after the end of its play.
+        steps: (N, S) int16, the step before which each block goes, -1 for never: what was played.
+        success: (N,) bool.
+        end_step: (N,) int16, physics steps made, the solving one included.
+        removals: (N,) int8, blocks removed before the end.
+        draw: (N,) int32, number of the draw among those of its scene, from 0.
+        poses: (N, 150, M, 3) float32 or float64, or None: x, y (px) and angle (rad) of the objects that move, in list
+            order, after 0, fps/10, 2 fps/10, ... steps; NaN after an object's removal and beyond a scene's movers. The
+            last pose repeats after the end.
+        manifest: the fields that the module shows; `save_dataset` adds the sums.
+    """
+
+    scenes: tuple[Scene, ...]
+    game: npt.NDArray[np.int32]
+    times: npt.NDArray[np.float32]
+    steps: npt.NDArray[np.int16]
+    success: npt.NDArray[np.bool_]
+    end_step: npt.NDArray[np.int16]
+    removals: npt.NDArray[np.int8]
+    draw: npt.NDArray[np.int32]
+    poses: npt.NDArray[np.floating[Any]] | None
+    manifest: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.game)
+
+    @property
+    def fps(self) -> int:
+        """Physics steps a second."""
+        return int(self.manifest["fps"])
+
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays by name, `poses` only if there are any."""
+        named = {field.name: getattr(self, field.name) for field in fields(self) if field.name in _DTYPES}
+        return {name: array for name, array in named.items() if array is not None}
+
+    def select(self, rows: npt.ArrayLike) -> Dataset:
+        """Return some plays, with all scenes; rows: indices or a mask, (N,)."""
+        index = np.asarray(rows)
+        return replace(self, **{name: array[index] for name, array in self.arrays().items()})
+
+    def of_game(self, name: str) -> Dataset:
+        """Return the plays of the scene of this name.
+
+        Raises:
+            ValueError: there is no such scene; one line.
+        """
+        names = [scene.name for scene in self.scenes]
+        if name not in names:
+            raise ValueError(f"name: expected the name of a scene of the data set, got {show(name)}")
+        return self.select(self.game == names.index(name))
+
+
+@lru_cache(4096)
+def scene_sum(scene: Scene) -> str:
+    """Return the SHA-256 of a scene's contents, in hexadecimal digits."""
+    return hashlib.sha256(json.dumps(scene_to_dict(scene), sort_keys=True).encode()).hexdigest()
+
+
+def scene_entry(scene: Scene) -> dict[str, Any]:
+    """Return the fields `scene` and `sha256` of a manifest: a game's name, or the contents of a scene file."""
+    own = scene.name in _PACKAGE_GAMES and scene == load_scene(scene.name)
+    return {"scene": scene.name if own else scene_to_dict(scene), "sha256": scene_sum(scene)}
+
+
+def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
+    """Write a data set as NAME.npz and NAME.json. Each file is whole at any moment; equal data sets give equal bytes.
+
+    Args:
+        dataset: what to write.
+        path: of NAME.npz or NAME.json.
+
+    Raises:
+        ValueError: the path has another ending, or an array another type or shape; one line.
+        OSError: a file cannot be written.
+    """
+    npz, manifest = _files(path)
+    arrays = dataset.arrays()
+    _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)  # type: ignore[arg-type]
+    content = packed.getvalue()
+    described = {
+        **{key: value for key, value in dataset.manifest.items() if key not in ("arrays", "npz", "sha256")},
+        "arrays": {name: _describe(array) for name, array in arrays.items()},
+        "npz": {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()},
+    }
+    replace_bytes(npz, content)
+    replace_bytes(manifest, _text(_with_sum(described)))
+
+
+def load_dataset(path: str | os.PathLike[str]) -> Dataset:
+    """Read a data set.
+
+    Args:
+        path: of NAME.npz or NAME.json; both must be there.
+
+    Raises:
+        OSError: a file cannot be read.
+        ValueError: a byte of either file was changed, a field is wrong, or memory does not suffice; one line.
+    """
+    npz, manifest_file = _files(path)
+    manifest = _read_manifest(manifest_file)
+    with npz.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size != manifest["npz"]["bytes"]:
+            raise ValueError(f"{one_line(str(npz))}: expected {manifest['npz']['bytes']} bytes, got {size}")
+        check_memory("path", 2 * size + _unpacked(manifest), "read it on a machine with more memory")
+        if hashlib.file_digest(file, "sha256").hexdigest() != manifest["npz"]["sha256"]:
+            raise ValueError(f"{one_line(str(npz))}: expected the bytes of its manifest, but they were changed")
+    arrays = read_npz(npz, MAX_ARRAYS)
+    scenes = tuple(_read_scene(entry, f"{manifest_file}: scenes[{k}]") for k, entry in enumerate(manifest["scenes"]))
+    _check_arrays(arrays, scenes, manifest, one_line(str(npz)))
+    return Dataset(scenes, **{name: arrays.get(name) for name in _DTYPES}, manifest=manifest)  # type: ignore[arg-type]
+
+
+def _files(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Return the two files of a data set."""
+    if not isinstance(path, str | os.PathLike) or "\0" in str(path) or Path(path).suffix not in (".npz", ".json"):
+        raise ValueError(f"path: expected the path of a data set, NAME.npz, got {show(path)}")
+    return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
+
+
+def _describe(array: npt.NDArray[Any]) -> dict[str, Any]:
+    content = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
+    return {"dtype": str(array.dtype), "shape": list(array.shape), "sha256": content}
+
+
+def _text(content: Mapping[str, Any]) -> bytes:
+    """Return a manifest as text: a line for each field, and for each scene."""
+    scenes = ",\n  ".join(map(json.dumps, content["scenes"]))
+    written = {key: f"[\n  {scenes}\n ]" if key == "scenes" else json.dumps(value) for key, value in content.items()}
+    return ("{\n" + ",\n".join(f" {json.dumps(key)}: {value}" for key, value in written.items()) + "\n}\n").encode()
+
+
+def _with_sum(described: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a manifest with the sum over all of its other fields."""
+    return {**described, "sha256": hashlib.sha256(_text(described)).hexdigest()}
+
+
+def _read_manifest(file: Path) -> dict[str, Any]:
+    """Return a manifest whose every byte is what `save_dataset` wrote."""
+    name = one_line(str(file))
+    with file.open("rb") as opened:
+        content = opened.read(MAX_MANIFEST + 1)
+    manifest = parse_json(content, str(file), MAX_MANIFEST)
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        raise ValueError(f"{name}: schema: expected {SCHEMA!r}, the manifest of a data set")
+    if manifest.get("version") != VERSION:
+        raise ValueError(f"{name}: version: expected {VERSION}, got {show(manifest.get('version'))}")
+    rest = {key: value for key, value in manifest.items() if key != "sha256"}
+    if _text(_with_sum(rest)) != content:
+        raise ValueError(f"{name}: expected the bytes that its sum tells of, but they were changed")
+    missing = [key for key in (*REQUIRED, "scenes", "arrays", "npz") if key not in manifest]
+    if missing:
+        raise ValueError(f"{name}: expected the field {missing[0]}, but it is missing")
+    return manifest
+
+
+def _unpacked(manifest: Mapping[str, Any]) -> int:
+    """Return the bytes of all arrays, from their descriptions."""
+    described = manifest["arrays"].values()
+    return int(sum(np.prod(array["shape"], dtype=float) * np.dtype(array["dtype"]).itemsize for array in described))
+
+
+def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
+    """Return the scene of an entry; a game of the package must still be what it was."""
+    given = entry["scene"]
+    own = isinstance(given, str) and given in _PACKAGE_GAMES
+    scene = load_scene(given) if own else scene_from_dict(given, source)
+    if (found := scene_sum(scene)) != entry["sha256"]:
+        raise ValueError(f"{source}: sha256: expected {entry['sha256']}, but {scene.name} has {found}")
+    return scene
+
+
+def _check_arrays(
+    arrays: Mapping[str, npt.NDArray[Any]], scenes: Sequence[Scene], manifest: Mapping[str, Any], source: str
+) -> None:
+    """Refuse arrays that no data set has; one line."""
+    if not is_list(scenes) or len(scenes) != len(manifest["scenes"]):
+        raise ValueError(f"{source}: scenes: expected {len(manifest['scenes'])} as in the manifest")
+    if unknown := sorted(set(arrays) - set(_DTYPES)):
+        raise ValueError(f"{source}: {show(unknown[0])}: expected no such array")
+    count = len(arrays["game"]) if "game" in arrays else 0
+    shapes = {"times": (count, None), "steps": (count, None), "poses": (count, None, None, 3)}
+    for name, dtypes in _DTYPES.items():
+        if name == "poses" and name not in arrays:
+            continue
+        wanted, array = shapes.get(name, (count,)), arrays.get(name)
+        fits = array is not None and array.ndim == len(wanted)
+        if array is None or str(array.dtype) not in dtypes or not fits or _differs(array.shape, wanted):
+            shape = ", ".join("any" if side is None else str(side) for side in wanted)
+            got = "none" if array is None else f"{array.dtype} of shape {array.shape}"
+            raise ValueError(f"{source}: {name}: expected {dtypes[0]} of shape ({shape}), got {got}")
+    if arrays["times"].shape != arrays["steps"].shape:
+        raise ValueError(f"{source}: steps: expected the shape of times, {arrays['times'].shape}")
+    if count and not 0 <= arrays["game"].min() <= arrays["game"].max() < len(scenes):
+        raise ValueError(f"{source}: game: expected indices into {len(scenes)} scenes")
+
+
+def _differs(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    return any(side not in (None, length) for length, side in zip(shape, wanted, strict=True))
