@@ -42,6 +42,7 @@ PARTS = (
     "viewer",
     "data",
     "attempts",
+    "analyses",
     "cli",
     "__main__",
 )

@@ -53,7 +53,8 @@ def solved_curve_of_independent(solved: npt.ArrayLike, played: int, k: int) -> F
     check_whole("played", played, check_whole("k", k))
     failed = played - np.asarray(solved, np.float64)[:, None]
     drawn = np.arange(k)  # attempt j + 1 fails, if j failed, with probability (failed - j) / (played - j)
-    return 1 - np.cumprod(np.maximum(failed - drawn, 0) / (played - drawn), axis=1)
+    unsolved = np.cumprod(np.maximum(failed - drawn, 0) / (played - drawn), axis=1)
+    return np.asarray(1 - unsolved, np.float64)
 
 
 def auccess(curve: npt.ArrayLike) -> Floats:
@@ -68,7 +69,7 @@ def auccess(curve: npt.ArrayLike) -> Floats:
 
 def best_reward(reward: Floats) -> Floats:
     """Return the best reward within 1, ..., k attempts, mean over runs, (G, k), of rewards (G, R, k)."""
-    return np.maximum.accumulate(reward, axis=2).mean(axis=1)
+    return np.asarray(np.maximum.accumulate(reward, axis=2).mean(axis=1), np.float64)
 
 
 def interval(values: npt.ArrayLike) -> Interval:
