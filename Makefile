@@ -12,7 +12,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners test-oracle chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper analyse docs docs-pictures bench clean
 
 help: ## list the targets
@@ -122,6 +122,9 @@ results-paper: .venv/.stamp ## one seed of every agent with the paper's settings
 
 analyse: .venv/.stamp ## every table of the analyses and its data, row by row in build/analyses; goes on where it stopped
 	.venv/bin/iphyre-jax analyse --data iphyre_jax/analyses
+
+test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in float64
+	$(FAULT_SCRIPT)/oracle_proofs.py
 
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network

@@ -43,15 +43,16 @@ def draw_randomly(scene: Scene, k: int, rng: np.random.Generator, past: Sequence
 
 
 def improve_best(scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-    """An agent that learns from outcomes: every second plan, or so, is its best attempt with some times changed.
+    """An agent that learns from its attempts: every second plan, or so, is its best one with some times changed.
 
-    A solved attempt is best by its reward. Among unsolved ones the best is the one whose highest ball came
-    lowest, if it sees trajectories, else the latest.
+    A solved attempt is best by its reward. Among unsolved ones it is the one whose highest ball came lowest. Without
+    trajectories nothing tells them apart; then, until one is solved, the agent draws `random_plans`.
     """
     fresh = random_plans(rng, len(scene.eliminable_blocks), k)
-    if not past:
+    progress = [_progress(scene, attempt) for attempt in past]
+    if max(progress, default=0.0) <= 0:
         return fresh
-    best = max(enumerate(past), key=lambda pair: (_progress(scene, pair[1]), pair[0]))[1].times
+    best = past[int(np.argmax(progress))].times
     moved = best + np.where(rng.random(fresh.shape) < REPEATED, rng.normal(0, MOVED, fresh.shape), 0.0)
     changed = np.where(np.isnan(best) | (rng.random(fresh.shape) < STAYS), fresh, np.maximum(moved, 1 / 60))
     return np.where(rng.random((k, 1)) < REPEATED, changed, fresh)

@@ -117,6 +117,16 @@ def test_displaced_scenes_keep_all_but_places() -> None:
     assert all((copy.eliminable == scene.eliminable).all() for copy in copies)
 
 
+def test_improving_agent_draws_randomly_until_something_tells_its_attempts_apart() -> None:
+    scene, seeds = load_scene(GAME), (np.random.default_rng(3) for _ in range(3))
+    failed = Attempt(np.array([1.0, 2.0]), False, -35.0, 2, 15.0, None)
+    solved = failed._replace(success=True, reward=970.0)
+    first = draw_randomly(scene, 200, next(seeds), [])
+    assert np.array_equal(improve_best(scene, 200, next(seeds), [failed]), first, equal_nan=True)
+    near = improve_best(scene, 200, next(seeds), [failed, solved])
+    assert 0.03 < (near == solved.times).all(axis=1).mean() < 0.15  # half x (half x 0.8) twice
+
+
 def test_improving_agent_keeps_near_its_best_attempt() -> None:
     found = attempts(improve_best, 6, games=[GAME], runs=3, feedback="trajectory")
     blind = attempts(draw_randomly, 6, games=[GAME], runs=3)
