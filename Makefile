@@ -14,8 +14,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners test-data test-minari chromium test-browser lint parity parity-random golden test-clients \
-	parity-official pictures wheel results results-paper docs docs-pictures bench clean
+.PHONY: $(shell sed -nE 's/^([a-z-]+):.*/\1/p' $(firstword $(MAKEFILE_LIST)))
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -149,6 +148,12 @@ results: .venv/.stamp ## train five seeds of every agent and write docs/results/
 
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
 	$(PY) -m benchmarks.agents --preset paper --seeds 1
+
+analyse: .venv/.stamp ## every table of the analyses and its data, row by row in build/analyses; goes on where it stopped
+	.venv/bin/iphyre-jax analyse --data iphyre_jax/analyses
+
+test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in float64
+	$(FAULT_SCRIPT)/oracle_proofs.py
 
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network

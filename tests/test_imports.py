@@ -41,6 +41,8 @@ PARTS = (
     "train",
     "viewer",
     "data",
+    "attempts",
+    "analyses",
     "cli",
     "__main__",
 )

@@ -14,6 +14,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
+from iphyre_jax.attempts.policies import policy_attempts
+from iphyre_jax.attempts.protocol import MOST_ATTEMPTS
+from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
@@ -27,6 +31,7 @@ from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.train.trainer import RunState
 
+ATTEMPT_RUNS = 5  # of `evaluate --attempts`
 CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide the defaults of the other settings
 
 
@@ -68,6 +73,8 @@ class Evaluate:
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
     """Play the ten unseen basic games too."""
+    attempts: int | None = None
+    """Also let the policy try each game so often, blind: greedy first, then sampled; print how soon it solves them."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,11 @@ def _run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Evaluate):
         config, state = runs.load(command.run, command.checkpoint)
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
+        if command.attempts is not None:
+            check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
         _evaluate_and_report(command.run, config, state, games, console)
+        if command.attempts is not None:
+            _print_attempts(config, state, games, command.attempts, console)
         return 0
     compare.report(command.runs, console, curves=command.curves, bars=command.bars)
     return 0
@@ -166,6 +177,34 @@ def _evaluate_and_report(
     runs.write_evaluation(folder, config, evaluation, int(state.update))
     _print_splits(evaluation, config, console)
     say(console, f"More in {folder / 'evaluation.md'}")
+
+
+def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], count: int, console: Console) -> None:
+    """Let the policy try each game `count` times, in five runs, and print the measures by split."""
+    with console.status(f"{ATTEMPT_RUNS} runs of {count} attempts at {len(games)} games"):
+        tried = policy_attempts(
+            config,
+            state.learner,
+            count,
+            greedy_first=True,
+            games=games,
+            runs=ATTEMPT_RUNS,
+            fps=config.fps,
+            resets=config.resets,
+            seed=config.seed,
+        )
+    curve, best = solved_curve(tried.success), best_reward(tried.reward)
+    columns = ("solved@1 %", f"solved@{count} %", f"AUCCESS@{count} %", f"best of {count}")
+    table = Table(box=box.SIMPLE, pad_edge=False)
+    for title in ("", *columns):
+        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    for split in COLUMNS:
+        names = GAMES if split == "all" else SPLITS[split]
+        rows = [tried.games.index(name) for name in names]
+        shares = (curve[rows, 0], curve[rows, -1], auccess(curve[rows]))
+        table.add_row(TITLES[split], *(f"{100 * share.mean():.1f}" for share in shares), f"{best[rows, -1].mean():.1f}")
+    say(console, f"Attempts at {config.fps} fps, greedy first, then sampled; mean of {ATTEMPT_RUNS} runs")
+    console.print(table)
 
 
 def verify_pretrained(name: str, console: Console) -> int:

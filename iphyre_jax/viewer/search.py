@@ -30,7 +30,7 @@ def search(scene: Scene, *, plans: int = 2048, seed: int = 0, fps: int = 60) -> 
         fps: physics steps a second.
     """
     rng, blocks = np.random.default_rng(seed), len(scene.eliminable_blocks)
-    tried = _with_distinct_steps(_random_plans(rng, plans, blocks, fps))
+    tried = with_distinct_steps(random_plans(rng, plans, blocks, fps))
     reward = simulate(scene, tried, fps=fps).reward
     for spread in SPREADS:
         best = tried[np.argsort(-reward, kind="stable")[:KEPT]]
@@ -39,7 +39,7 @@ def search(scene: Scene, *, plans: int = 2048, seed: int = 0, fps: int = 60) -> 
         moved = np.where(rng.random(near.shape) < 0.5, near, moved)
         moved = np.where(near == NEVER, NEVER, np.maximum(moved, 1))
         moved[rng.random(near.shape) < 0.1] = NEVER
-        moved = _with_distinct_steps(moved)
+        moved = with_distinct_steps(moved)
         tried = np.concatenate([tried, moved])
         reward = np.concatenate([reward, simulate(scene, moved, fps=fps).reward])
     order = np.argsort(-reward, kind="stable")[:64]
@@ -47,7 +47,7 @@ def search(scene: Scene, *, plans: int = 2048, seed: int = 0, fps: int = 60) -> 
     return record(scene, tried[order][int(np.argmax(exact))], fps=fps)
 
 
-def _random_plans(rng: np.random.Generator, count: int, blocks: int, fps: int) -> Plans:
+def random_plans(rng: np.random.Generator, count: int, blocks: int, fps: int) -> Plans:
     """Return random plans (count, blocks). In half of them all removals happen within one second."""
     spread = rng.uniform(0, LATEST, (count, blocks))
     burst = rng.uniform(0, LATEST - 1, (count, 1)) + rng.uniform(0, 1, (count, blocks))
@@ -56,7 +56,7 @@ def _random_plans(rng: np.random.Generator, count: int, blocks: int, fps: int) -
     return np.where(removed, steps, NEVER)
 
 
-def _with_distinct_steps(plans: Plans) -> Plans:
+def with_distinct_steps(plans: Plans) -> Plans:
     """Return the plans that remove at most one block before each step."""
     ordered = np.sort(plans, axis=1)
     same = (np.diff(ordered, axis=1) == 0) & (ordered[:, 1:] != NEVER)

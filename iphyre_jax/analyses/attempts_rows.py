@@ -1,0 +1,156 @@
+"""Rows of the table of attempts: doing nothing, random plans, planners, shipped policies, people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from iphyre_jax.analyses.figures import COLUMNS
+from iphyre_jax.analyses.oracle import RESETS
+from iphyre_jax.analyses.people import success_rates as success_of_people
+from iphyre_jax.analyses.rows import Row, kept_row
+from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
+from iphyre_jax.attempts.metrics import auccess, best_reward, interval, solved_curve, solved_curve_of_independent
+from iphyre_jax.attempts.planner import Planner
+from iphyre_jax.attempts.policies import policy_attempts
+from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.storage.pretrained import load_pretrained, names
+
+MOST: Final = 100  # attempts of random plans and sampled policies
+SHOWN: Final = (1, 2, 5, 10, 100)  # attempts of the columns "solved@"
+PEOPLE: Final = 5  # attempts that people had
+DTYPE: Final = "float64"
+
+Compute = Callable[[], Attempts]
+
+
+def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
+    """Return each row's settings and how it is computed, by name."""
+    common: dict[str, Any] = {"fps": fps, "resets": RESETS[fps]}
+    plain = {**common, "dtype": DTYPE}
+
+    def row(agent: Agent, k: int, runs: int, feedback: Feedback | None = None) -> tuple[dict[str, Any], Compute]:
+        play = partial(attempts, agent, k, feedback=feedback, runs=runs, **plain)
+        return {**plain, "k": k, "runs": runs, "feedback": feedback, "seed": 0}, play
+
+    planners = {
+        f"planner, {sigma:g} px, {plans} plans": row(Planner(plans, sigma, fps=fps), 5, 2)
+        for sigma in (0.0, 1.0, 2.0, 5.0)
+        for plans in (100, 300)
+    }
+    found = {
+        "do nothing": row(do_nothing, 1, 1),
+        "random plans": row(draw_randomly, MOST, 5),
+        "improve best, outcomes": row(improve_best, 10, 5, "outcome"),
+        "improve best, trajectories": row(improve_best, 10, 5, "trajectory"),
+        **planners,
+    }
+    for name in names():
+        first = {**common, "k": 10, "runs": 5, "policy": name, "seed": 0, "greedy_first": True}
+        found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
+    return found
+
+
+def _policy(name: str, k: int, runs: int, common: Mapping[str, Any], greedy_first: bool) -> Attempts:
+    """Attempts of a shipped policy."""
+    policy = load_pretrained(name)
+    return policy_attempts(policy.config, policy.state, k, runs=runs, greedy_first=greedy_first, **common)
+
+
+def file_stem(name: str) -> str:
+    """Return the name of a row's file."""
+    return name.replace(", ", "-").replace(" ", "-")
+
+
+def run(folder: Path, fps: int, only: Sequence[str] = ()) -> dict[str, Row]:
+    """Return rows, computing those that are missing in `folder`/attempts-<fps>fps; by default all."""
+    kept = folder / f"attempts-{fps}fps"
+    return {
+        name: kept_row(kept, file_stem(name), settings, partial(_row, compute))
+        for name, (settings, compute) in specifications(fps).items()
+        if not only or name in only
+    }
+
+
+def _row(compute: Compute) -> Row:
+    """Curves and best rewards of every game, as JSON values."""
+    played = compute()
+    runs, k = played.success.shape[1:]
+    curve = solved_curve(played.success)
+    if k == MOST:  # all attempts are draws of one distribution
+        curve = solved_curve_of_independent(played.success.sum(axis=(1, 2)), runs * k, k)
+    best = best_reward(played.reward)
+    return {
+        "games": list(played.games),
+        "solved": {game: curve[row].tolist() for row, game in enumerate(played.games)},
+        "best_reward": {game: best[row].tolist() for row, game in enumerate(played.games)},
+        "faults": played.faults,
+    }
+
+
+def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequence[str]]) -> str:
+    """Return the document of the rows of each rate."""
+    parts = [
+        "# Attempts",
+        "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
+        "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
+        f"are made too. Shipped policies (one seed each) try their greedy plan first, then sample. Physics: {DTYPE}; "
+        "policies: as trained. A row of k attempts has no figure beyond k; one that always repeats itself keeps its "
+        "first.",
+    ]
+    for fps, rows in tables.items():
+        parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")
+        if missing.get(fps):
+            parts.append(f"Still missing: {'; '.join(missing[fps])}.")
+        if rows:
+            parts += ["### AUCCESS@5", _auccess_table(rows), "### All forty games", _games_table(rows, fps)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _auccess_table(rows: Mapping[str, Row]) -> str:
+    """AUCCESS@5, in %, by split, and over all games at 100."""
+    cells = []
+    for name, row in rows.items():
+        shown = [_spread([float(auccess(_curve(row, game, PEOPLE))) for game in games]) for games in COLUMNS.values()]
+        cells.append([name, *shown])
+    return markdown_table(["agent", *(TITLES[split] for split in COLUMNS)], cells)
+
+
+def _games_table(rows: Mapping[str, Row], fps: int) -> str:
+    """Solved within k attempts, AUCCESS@100 and best reward after five, over all games."""
+    cells = []
+    for name, row in rows.items():
+        length = len(row["solved"][GAMES[0]])
+        solved = [
+            _spread([_curve(row, game, k)[-1] for game in GAMES]) if k <= length or name == "do nothing" else "-"
+            for k in SHOWN
+        ]
+        wide = _spread([float(auccess(_curve(row, game, MOST))) for game in GAMES]) if length in (1, MOST) else "-"
+        reward = np.mean([row["best_reward"][game][min(PEOPLE, length) - 1] for game in GAMES])
+        cells.append([name, *solved, wide, f"{reward:.1f}"])
+    if fps in (60,):
+        people = success_of_people()
+        stated = paper_numbers()["agents"]["Human"]["all"]
+        cells.append(
+            ["people (paper, derived)", "-", "-", _spread(list(people.values())), "-", "-", "-", str(stated[0])]
+        )
+    header = ["agent", *(f"solved@{k} %" for k in SHOWN), "AUCCESS@100", "best of 5"]
+    return markdown_table(header, cells)
+
+
+def _curve(row: Row, game: str, k: int) -> list[float]:
+    """The share solved within 1, ..., k; a single attempt stands for all, as its agent repeats it."""
+    curve: list[float] = row["solved"][game]
+    return (curve * k if len(curve) == 1 else curve)[:k]
+
+
+def _spread(values: Sequence[float]) -> str:
+    """A mean in % with its interval over games."""
+    found = interval(np.asarray(values, np.float64))
+    return f"{100 * found.mean:.1f} [{100 * found.low:.0f}, {100 * found.high:.0f}]"

@@ -1,0 +1,80 @@
+"""Measures of attempts: the share of games solved within k, its area AUCCESS, and intervals over games.
+
+Shapes: G games, R runs of k attempts each.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import check_whole
+
+LEVEL: Final = 0.95
+RESAMPLES: Final = 10_000
+_SEED: Final = 0  # of the resamples
+
+Floats = npt.NDArray[np.float64]
+
+
+class Interval(NamedTuple):
+    """A mean over games with its percentile bootstrap interval at LEVEL."""
+
+    mean: float
+    low: float
+    high: float
+
+
+def solved_curve(success: npt.NDArray[np.bool_]) -> Floats:
+    """Return the share of runs that have solved each game within 1, 2, ..., k attempts, (G, k).
+
+    Args:
+        success: (G, R, k) bool, whether an attempt solved the game.
+    """
+    return np.logical_or.accumulate(success, axis=2).mean(axis=1)
+
+
+def solved_curve_of_independent(solved: npt.ArrayLike, played: int, k: int) -> Floats:
+    """Return the expected share solved within 1, ..., k attempts if all attempts are draws of one distribution, (G, k).
+
+    The estimate is without bias: 1 - C(n - c, j) / C(n, j) for c of n plays that solved the game, which is the chance
+    that j of the n plays, drawn without putting back, hold a success.
+
+    Args:
+        solved: (G,) plays of each game that solved it.
+        played: plays of each game, at least k.
+        k: attempts.
+
+    Raises:
+        ValueError: fewer plays than attempts; one line.
+    """
+    check_whole("played", played, check_whole("k", k))
+    failed = played - np.asarray(solved, np.float64)[:, None]
+    drawn = np.arange(k)  # attempt j + 1 fails, if j failed, with probability (failed - j) / (played - j)
+    unsolved = np.cumprod(np.maximum(failed - drawn, 0) / (played - drawn), axis=1)
+    return np.asarray(1 - unsolved, np.float64)
+
+
+def auccess(curve: npt.ArrayLike) -> Floats:
+    """Return AUCCESS@k, (...), of the shares solved within 1, ..., k attempts, (..., k).
+
+    The weights are those of PHYRE: ln(j + 1) - ln j for j attempts, divided by their sum.
+    """
+    shares = np.asarray(curve, np.float64)
+    weights = np.diff(np.log(np.arange(1, shares.shape[-1] + 2)))
+    return np.asarray(shares @ (weights / weights.sum()), np.float64)
+
+
+def best_reward(reward: Floats) -> Floats:
+    """Return the best reward within 1, ..., k attempts, mean over runs, (G, k), of rewards (G, R, k)."""
+    return np.asarray(np.maximum.accumulate(reward, axis=2).mean(axis=1), np.float64)
+
+
+def interval(values: npt.ArrayLike) -> Interval:
+    """Return the mean over games, (G,), with its percentile bootstrap interval: 10,000 resamples of games, seed 0."""
+    scores = np.asarray(values, np.float64)
+    picked = np.random.default_rng(_SEED).integers(0, len(scores), (RESAMPLES, len(scores)))
+    low, high = np.quantile(scores[picked].mean(axis=1), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Interval(float(scores.mean()), float(low), float(high))

@@ -1,0 +1,87 @@
+"""A planner: it imagines random plans in the simulator, perhaps with objects displaced, and plays the best ones.
+
+With no displacement it knows the physics exactly, so it bounds what planning with a learned model can reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.attempts.agents import random_plans
+from iphyre_jax.attempts.protocol import Attempt
+from iphyre_jax.checks import check_least, check_whole, whole_fps
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes.geometry import Layouts
+from iphyre_jax.scenes.variations import jitter
+from iphyre_jax.simulation import simulate_many
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Planner:
+    """An agent that plays the best of its imagined plans, by mean imagined reward.
+
+    Attributes:
+        plans: imagined plans.
+        sigma: px, standard deviation of each object's displacement in x and in y; 0 for none.
+        copies: displaced scenes in which each plan is imagined; without displacement one is enough.
+        fps: physics steps a second, in the imagination.
+        dtype: of the imagined physics.
+    """
+
+    plans: int = 100
+    sigma: float = 0.0
+    copies: int = 3
+    fps: int = 60
+    dtype: str = "float32"
+
+    def __post_init__(self) -> None:
+        check_whole("plans", self.plans)
+        check_least("sigma", self.sigma, 0, what="pixels")
+        check_whole("copies", self.copies)
+        whole_fps(self.fps)
+
+    def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
+        """Propose the k best plans, the best first; those imagined first are first among equals."""
+        del past
+        if k > self.plans:
+            raise ValueError(f"plans: expected at least {k} imagined plans for as many attempts, got {self.plans}")
+        times = random_plans(rng, len(scene.eliminable_blocks), self.plans)
+        scenes = displaced(scene, self.copies, self.sigma, rng) if self.sigma else [scene]
+        reward = simulate_many(
+            scenes,
+            np.repeat(np.arange(len(scenes)), self.plans),
+            np.tile(plan_to_steps(times, self.fps, "simulate"), (len(scenes), 1)),
+            fps=self.fps,
+            dtype=self.dtype,
+        ).reward
+        best = np.argsort(-reward.reshape(len(scenes), self.plans).mean(axis=0), kind="stable")
+        return times[best[:k]]
+
+
+def displaced(scene: Scene, count: int, sigma: float, rng: np.random.Generator) -> list[Scene]:
+    """Return copies of a scene whose blocks and balls are moved, each on its own, by Gaussian amounts in x and y.
+
+    Blocks keep length and angle. Objects may overlap or stick out of the picture.
+
+    Args:
+        scene: the original.
+        count: copies.
+        sigma: px, standard deviation.
+        rng: source of the random numbers.
+    """
+    moves = rng.normal(0, sigma, (count, scene.n_objects, 2))
+    layouts = jitter(Layouts.of(scene, count), moves[:, : scene.n_blocks], moves[:, scene.n_blocks :])
+    return [_moved(scene, k, layouts.bars[k], layouts.balls[k]) for k in range(count)]
+
+
+def _moved(scene: Scene, number: int, blocks: npt.NDArray[np.float64], balls: npt.NDArray[np.float64]) -> Scene:
+    """The scene with other places, all else equal."""
+    name = f"{scene.name}~{number}"[:100]
+    return Scene(name, blocks, balls, scene.eliminable, scene.dynamic, scene.joints, scene.springs, limits=scene.limits)

@@ -1,0 +1,72 @@
+"""Attempts of trained policies: sampled actions, or the greedy one first. Needs the extra `train`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
+from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.collect import PolicyOutput, rollout_collector
+from iphyre_jax.train.settings.run import TrainConfig
+
+
+def policy_attempts(
+    config: TrainConfig,
+    learner: State,
+    k: int = 5,
+    *,
+    greedy_first: bool = False,
+    games: Sequence[str] = GAMES,
+    runs: int = 1,
+    fps: int = 60,
+    resets: int = 1,
+    seed: int = 0,
+) -> Attempts:
+    """Let a trained policy try each game k times, blind: it samples its actions, as it plays to learn.
+
+    Args:
+        config: of the policy's training; it gives strategy, observation and number type.
+        learner: state of its algorithm.
+        k: attempts.
+        greedy_first: the first attempt is the greedy one, in every run.
+        games: names of games of the package.
+        runs: how often the k attempts are made.
+        fps: physics steps a second, a multiple of 10; not only those of its training.
+        resets: number of the reset.
+        seed: of the random numbers.
+
+    Raises:
+        ValueError: one line that names the argument and what was expected.
+    """
+    tries = check_whole("runs", runs) * check_whole("k", k, 1, MOST_ATTEMPTS)
+    check_whole("seed", seed, 0, MAX_SEED)
+    played = replace(config, fps=whole_fps(fps), resets=check_resets(resets))
+    agent = algorithm(played)
+    is_first = np.arange(len(games) * tries) % k == 0
+
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        sampled = agent.sample_action(learner, key, obs, num_samples)
+        if not greedy_first:
+            return sampled
+        best = jnp.repeat(agent.greedy(learner, obs), num_samples, axis=0)
+        chosen = jnp.asarray(is_first.reshape(-1, *(1,) * (best.ndim - 1)))
+        return sampled._replace(action=jnp.where(chosen, best, sampled.action))
+
+    stats = rollout_collector(played, games).collect(policy, jax.random.key(seed), tries)[1]
+    shape = (len(games), runs, k)
+    return Attempts(
+        games=tuple(games),
+        success=stats.success.reshape(shape),
+        reward=stats.reward.reshape(shape),
+        eliminations=stats.eliminations.reshape(shape),
+        seconds=stats.seconds.reshape(shape),
+        faults=int((stats.fault != 0).sum()),
+    )

@@ -1,0 +1,139 @@
+"""`iphyre-jax analyse`: rows that are missing, then the documents. Needs the extra `train`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import tyro
+from rich.console import Console
+
+from iphyre_jax.analyses import attempts_rows, claims, difficulty, failures, oracle, people, protocols, slack, tables
+from iphyre_jax.analyses.rows import Row, read_rows
+from iphyre_jax.analyses.shipped import policies
+from iphyre_jax.cli.console import option, say
+from iphyre_jax.files import replace_text
+from iphyre_jax.scenes import GAMES
+
+What = Literal[
+    "oracle", "difficulty", "slack", "failures", "people", "within-template", "games", "protocols", "attempts", "claims"
+]
+SEEDS: Final = 5  # of the difficulty
+
+
+@dataclass(frozen=True)
+class Analyse:
+    """Analyse games, agents and people: compute the rows that are missing and write the documents.
+
+    Rows are kept, so that an interrupted command goes on where it stopped.
+    """
+
+    what: Annotated[
+        tyro.conf.Positional[tuple[What, ...]],
+        option(
+            "ANALYSIS ...",
+            "oracle, difficulty, slack, failures, people, within-template, games, protocols, "
+            "attempts, claims, in the order in which they are made.",
+            "all of them",
+        ),
+    ] = ()
+    rows: Path = Path("build/analyses")
+    """Folder of the rows."""
+    out: Path = Path("docs/results")
+    """Folder of the documents."""
+    data: Path | None = None
+    """Folder to write what the oracle found into, once it is whole: the data that the package ships."""
+    written_only: bool = False
+    """Compute nothing: write the documents of the rows that are there."""
+
+
+def run(command: Analyse, console: Console) -> None:
+    """Run the command.
+
+    Raises:
+        ValueError, OSError: one line.
+    """
+    for what in command.what or tuple(DOCUMENTS):
+        text = DOCUMENTS[what](command, console)
+        command.out.mkdir(parents=True, exist_ok=True)
+        file = command.out / f"{what}.md"
+        replace_text(file, text)
+        say(console, f"{file}")
+
+
+def _oracle(command: Analyse, console: Console) -> str:
+    """Search game by game."""
+    tables_of: dict[int, dict[str, Row]] = {}
+    for fps in oracle.RATES:
+        if not command.written_only:
+            for game in GAMES:
+                with console.status(f"oracle at {fps}: {game}"):
+                    oracle.run(command.rows, fps, [game])
+        kept = read_rows(command.rows / f"oracle-{fps}fps")
+        tables_of[fps] = {game: kept[game] for game in GAMES if game in kept}
+        if command.data is not None and len(tables_of[fps]) == len(GAMES):
+            oracle.export(tables_of[fps], fps, command.data / oracle.file_of(fps).name)
+    return oracle.document(tables_of)
+
+
+def _difficulty(command: Analyse, console: Console) -> str:
+    """Measure seed by seed, game by game."""
+    rates: dict[int, list[dict[str, Row]]] = {fps: [] for fps in oracle.RATES}
+    for seed in range(SEEDS):
+        for fps in oracle.RATES:
+            for game in () if command.written_only else GAMES:
+                with console.status(f"difficulty at {fps}, seed {seed}: {game}"):
+                    difficulty.run(command.rows, fps, seed, [game])
+            rates[fps].append(read_rows(command.rows / f"difficulty-{fps}fps-{seed}"))
+    return difficulty.document(rates)
+
+
+def _attempts(command: Analyse, console: Console) -> str:
+    """Let every agent try."""
+    found: dict[int, dict[str, Row]] = {}
+    missing: dict[int, list[str]] = {}
+    for fps in oracle.RATES:
+        names = attempts_rows.specifications(fps)
+        for name in () if command.written_only else names:
+            with console.status(f"attempts at {fps}: {name}"):
+                attempts_rows.run(command.rows, fps, [name])
+        kept = read_rows(command.rows / f"attempts-{fps}fps")
+        found[fps] = {name: kept[slug] for name in names if (slug := attempts_rows.file_stem(name)) in kept}
+        missing[fps] = [name for name in names if name not in found[fps]]
+    return attempts_rows.document(found, missing)
+
+
+def _claims(command: Analyse, console: Console) -> str:
+    """Judge the claims by what the other analyses found."""
+    del console
+    counts = read_rows(command.rows / "difficulty-60fps-0")
+    whole = counts if set(GAMES) <= set(counts) else None
+    return claims.document(claims.claims(policies(), oracle.shipped(10), whole))
+
+
+def _protocols(command: Analyse, console: Console) -> str:
+    """Play the policies that are missing."""
+    if command.written_only:
+        return protocols.document(read_rows(command.rows / "protocols"))
+    with console.status("protocols"):
+        return protocols.document(protocols.run(command.rows))
+
+
+def _shipped() -> dict[int, dict[str, Row]]:
+    return {fps: dict(oracle.shipped(fps)) for fps in oracle.RATES}
+
+
+DOCUMENTS: Final[dict[What, Callable[[Analyse, Console], str]]] = {
+    "oracle": _oracle,
+    "difficulty": _difficulty,
+    "slack": lambda command, console: slack.document(_shipped(), policies()),
+    "failures": lambda command, console: failures.document(policies(), _shipped()),
+    "people": lambda command, console: people.document(),
+    "within-template": lambda command, console: tables.within_template_document(policies()),
+    "games": lambda command, console: tables.games_document(policies()),
+    "protocols": _protocols,
+    "attempts": _attempts,
+    "claims": _claims,
+}

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from iphyre_jax import load_scene, simulate
+from iphyre_jax.analyses.search import Tried, _grid, decide, neighbours
+from iphyre_jax.analyses.slack import slack_of
+
+FPS, RESETS = 10, 2
+
+
+def test_grid_is_whole_and_has_no_equal_steps() -> None:
+    plans = np.concatenate(list(_grid(3, 2, 5)))
+    pairs = {tuple(plan) for plan in plans.tolist()}
+    assert len(pairs) == len(plans) == 3 * 4 * 3  # three pairs of blocks, steps 1 to 4, no two equal
+    assert all(sum(step >= 0 for step in plan) == 2 for plan in pairs)
+    assert {step for plan in pairs for step in plan} == {-1, 1, 2, 3, 4}
+
+
+def test_neighbours_stay_in_the_episode_and_never_add_a_removal() -> None:
+    best = np.array([[1, 149, -1], [70, -1, -1]])
+    plans = neighbours(np.random.default_rng(0), best, 500, 30.0, 150)
+    assert (plans[:, 2] == -1).all()
+    assert ((plans == -1) | ((plans >= 1) & (plans <= 149))).all()
+
+
+def test_best_plans_are_of_many_sets_and_none_twice() -> None:
+    tried = Tried(load_scene("support"), FPS, RESETS)
+    tried.plans = np.array([[k, 9] for k in range(1, 8)] * 2 + [[-1, 3], [-1, -1]])
+    tried.reward = -np.arange(16.0)
+    best = tried.best(6).tolist()
+    assert best == [[1, 9], [2, 9], [3, 9], [4, 9], [-1, 3], [-1, -1]]
+
+
+def test_decision_cuts_what_comes_after_the_end() -> None:
+    tried = Tried(load_scene("support"), FPS, RESETS)
+    tried.play(np.array([[8, 14], [8, 13], [149, 148], [-1, -1]]))
+    plan, reward, success, steps = decide(tried)
+    again = simulate("support", [plan], fps=FPS, resets=RESETS, dtype="float64")
+    assert success
+    assert (again.reward[0], again.steps[0]) == (reward, steps)
+    assert (plan < steps).all()
+    assert reward == max(tried.reward) == pytest.approx(977.6)
+
+
+def test_slack_ends_where_the_game_is_no_longer_solved() -> None:
+    scene, plan = load_scene("support"), np.array([8, 14])
+    widths = slack_of(scene, plan, FPS, RESETS)
+    for slot, width in enumerate(widths):
+        every = np.repeat(plan[None], 149, axis=0)
+        every[:, slot] = np.arange(1, 150)
+        solved = np.flatnonzero(simulate(scene, every, fps=FPS, resets=RESETS, dtype="float64").success) + 1
+        gaps = np.split(solved, np.flatnonzero(np.diff(solved) > 1) + 1)
+        own = next(part for part in gaps if plan[slot] in part)
+        assert width == pytest.approx(len(own) / FPS)
+    assert slack_of(scene, np.array([8, -1]), FPS, RESETS)[1] is None
