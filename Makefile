@@ -13,7 +13,7 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
-	parity-official pictures wheel results results-paper docs docs-pictures bench clean
+	parity-official pictures wheel results results-paper results-offline docs docs-pictures bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 24
@@ -119,6 +119,9 @@ results: .venv/.stamp ## train five seeds of every agent and write docs/results/
 
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
 	$(PY) -m benchmarks.agents --preset paper --seeds 1
+
+results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
+	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network

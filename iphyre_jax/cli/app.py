@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import scenes, train, viewer
+from iphyre_jax.cli import classifier, scenes, train, viewer
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
@@ -157,6 +157,7 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "evaluate": (train.Evaluate, train.run),
     "compare": (train.Compare, train.run),
     "verify-pretrained": (VerifyPretrained, _verify_pretrained),
+    "classifier": (classifier.ClassifierCommand, classifier.run),
     "simulate": (Simulate, _simulate),
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),
