@@ -27,7 +27,7 @@ class OutcomeConfig:
         network: "global", "object" and "vision" are the paper's; "plan" and "scene" see only one of the two inputs.
         data: "official", 50 solved and 50 failed plans of each basic game; "large", thousands, and variations.
         seeds: networks, with seeds 0, 1, ...
-        epochs: passes over the plays; with `balanced`, draws of as many plays as there are.
+        epochs: passes over the plays.
         batch_size: plays in a step.
         learning_rate: of Adam at the start.
         final_rate: least learning rate.
@@ -37,7 +37,7 @@ class OutcomeConfig:
         removal_flag: tell apart a block that stays from one that goes at once.
         masked_times: leave out removals after the end of the play, as the official files do. This tells of the outcome.
         equal_weights: count each game and class alike in the loss.
-        balanced: draw plays so that each game and class is equally frequent.
+        draws: plays of an epoch, drawn so that each game and class is equally frequent; 0: every play once.
         mirrored: mirror plays, each with a probability of one half.
         keep_best: keep the network of the epoch with the least loss on held-out plays of basic; else the last.
         width: features of each object, of "relations" alone.
@@ -59,7 +59,7 @@ class OutcomeConfig:
     removal_flag: bool = False
     masked_times: bool = True
     equal_weights: bool = False
-    balanced: bool = False
+    draws: int = 0
     mirrored: bool = False
     keep_best: bool = False
     width: int = 32
@@ -76,7 +76,8 @@ class OutcomeConfig:
             check_option(name, getattr(self, name), options)
         for name in ("seeds", "epochs", "batch_size", "width", "rounds", "chunk"):
             check_whole(name, getattr(self, name), 1, MAX_EPOCHS)
-        check_whole("half_period", self.half_period, 0)
+        for name in ("half_period", "draws"):
+            check_whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "final_rate", "time_scale"):
             check_positive(name, getattr(self, name))
         for field in dataclasses.fields(self):
@@ -109,7 +110,7 @@ _RELATIONS: Final = OutcomeConfig(
     preset="relations",
     network="relations",
     data="large",
-    epochs=12,
+    epochs=40,
     batch_size=256,
     learning_rate=2e-3,
     half_period=0,
@@ -117,7 +118,7 @@ _RELATIONS: Final = OutcomeConfig(
     time_scale=1.0,
     removal_flag=True,
     masked_times=False,
-    balanced=True,
+    draws=25_600,
     mirrored=True,
     chunk=1,
 )

@@ -51,7 +51,7 @@ class Material(NamedTuple):
 
 def steps_per_epoch(config: OutcomeConfig, plays: int) -> int:
     """Batches of an epoch; the last one may be smaller."""
-    return -(-plays // config.batch_size)
+    return -(-(config.draws or plays) // config.batch_size)
 
 
 def learning_rate(config: OutcomeConfig, steps: int) -> Callable[[Any], jax.Array]:
@@ -125,7 +125,7 @@ def _epoch_indices(config: OutcomeConfig, key: jax.Array, weight: jax.Array) -> 
     plays = len(weight)
     steps = steps_per_epoch(config, plays)
     size = steps * config.batch_size
-    if config.balanced:
+    if config.draws:
         sums = jnp.cumsum(weight)
         drawn = jnp.searchsorted(sums, jax.random.uniform(key, (size,)) * sums[-1])
         index, counts = jnp.minimum(drawn, plays - 1), jnp.ones(size)
@@ -150,7 +150,7 @@ def _one_epoch(
         params, moments = carry
         chosen, counted, turned = batch
         plays = jax.tree.map(lambda leaf: jnp.asarray(leaf)[chosen], train)
-        plays = plays._replace(weight=counted if config.balanced else plays.weight * counted)
+        plays = plays._replace(weight=counted if config.draws else plays.weight * counted)
         (loss, _), gradient = jax.value_and_grad(partial(_loss, config), has_aux=True)(
             params, material.scenes, plays, turned
         )

@@ -103,3 +103,12 @@ def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
     index, counts = training._epoch_indices(config, jax.random.key(0), np.ones(41, np.float32))
     assert index.shape == counts.shape == (3, 16)
     assert sorted(np.asarray(index)[np.asarray(counts) > 0].tolist()) == list(range(41))
+
+
+def test_drawn_plays_are_balanced() -> None:
+    config = dataclasses.replace(settings("relations"), draws=5000, batch_size=100)
+    weight = np.array([1.0] * 900 + [9.0] * 100, np.float32)
+    index, counts = training._epoch_indices(config, jax.random.key(0), weight)
+    assert index.shape == (50, 100)
+    assert np.asarray(counts).all()
+    assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03

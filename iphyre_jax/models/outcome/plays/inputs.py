@@ -98,7 +98,7 @@ def examples(dataset: Dataset, config: OutcomeConfig) -> Examples:
         times = np.where(times > end[:, None], np.float32("nan"), times)
     game = np.asarray(dataset.game, np.int32)
     label = np.asarray(dataset.success, np.int32)
-    weight = class_weights(game, label) if config.equal_weights or config.balanced else np.ones(len(game), np.float32)
+    weight = class_weights(game, label) if config.equal_weights or config.draws else np.ones(len(game), np.float32)
     return Examples(game, plan_inputs(dataset.scenes, game, times, config), label, weight)
 
 
