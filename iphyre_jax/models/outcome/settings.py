@@ -110,6 +110,7 @@ _RELATIONS: Final = OutcomeConfig(
     preset="relations",
     network="relations",
     data="large",
+    seeds=1,
     epochs=40,
     batch_size=256,
     learning_rate=2e-3,
