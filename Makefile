@@ -155,6 +155,9 @@ analyse: .venv/.stamp ## every table of the analyses and its data, row by row in
 test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in float64
 	$(FAULT_SCRIPT)/oracle_proofs.py
 
+results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
+	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
+
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
 	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict

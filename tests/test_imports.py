@@ -42,13 +42,14 @@ PARTS = (
     "viewer",
     "data",
     "attempts",
+    "models",
     "analyses",
     "cli",
     "__main__",
 )
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
-ABOVE_THE_CORE = {"train", "cli"}
+ABOVE_THE_CORE = {"train", "models", "cli"}
 ADAPTED = {"gymnasium", "brax", "gymnax", "minari", "dm_env", "jumanji"}
 
 

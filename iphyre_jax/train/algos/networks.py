@@ -81,11 +81,11 @@ class ObjectNetwork(nn.Module):
         """(B, D) float32 observations -> (B, *shape) float32."""
         rows, candidates, motion = parts(obs)
         mask = rows[..., 4] > 0  # every object has a radius
-        pair_features = _pair_features(rows)
-        x = nn.relu(_dense(self.hidden_sizes[0], 2.0**0.5)(_object_features(rows, motion)))
+        relations = pair_features(rows)
+        x = nn.relu(_dense(self.hidden_sizes[0], 2.0**0.5)(object_features(rows, motion)))
         for k, width in enumerate(self.hidden_sizes):
             # flax draws initial weights by the name of a module: this one keeps those of earlier versions.
-            x = AttentionBlock(width, name=f"_Round_{k}")(x, pair_features, mask)
+            x = AttentionBlock(width, name=f"_Round_{k}")(x, relations, mask)
         pooled = jnp.where(mask[..., None], x, 0.0).sum(axis=1) / jnp.maximum(mask.sum(axis=1), 1)[:, None]
         if self.shape == ():
             return _dense(1, self.scale)(pooled)[..., 0]
@@ -124,7 +124,7 @@ def _centres(rows: jax.Array) -> jax.Array:
     return (rows[..., 0:2] + rows[..., 2:4]) / 2
 
 
-def _object_features(rows: jax.Array, motion: jax.Array) -> jax.Array:
+def object_features(rows: jax.Array, motion: jax.Array) -> jax.Array:
     """(B, 12, F) features of each object: centre, half axis in both directions, length, radius, flags; motion, time."""
     half = (rows[..., 2:4] - rows[..., 0:2]) / 2
     length = jnp.sqrt(jnp.square(half).sum(axis=-1, keepdims=True) + 1e-12)
@@ -136,7 +136,7 @@ def _object_features(rows: jax.Array, motion: jax.Array) -> jax.Array:
     return jnp.concatenate(each, axis=-1)
 
 
-def _pair_features(rows: jax.Array) -> jax.Array:
+def pair_features(rows: jax.Array) -> jax.Array:
     """(B, 12, 12, 7) where m's centre and both its ends lie, seen from object n, and how near."""
     centre = _centres(rows)[:, :, None, :]
     others = [_centres(rows), rows[..., 0:2], rows[..., 2:4]]

@@ -1,0 +1,1 @@
+"""Learned models of the games. They need the extra `train`."""

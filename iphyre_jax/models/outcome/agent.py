@@ -1,0 +1,92 @@
+"""An outcome classifier as an agent: it judges random plans and plays those that it believes in most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import check_whole
+from iphyre_jax.models.outcome.plays.augmented import random_plans
+from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
+from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.models.outcome.storage import OutcomeClassifier
+from iphyre_jax.models.outcome.training import Params, predict
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.scenes import SceneLike, load_scene
+from iphyre_jax.simulation import simulate_many
+
+CANDIDATES: Final = 1000  # plans that are judged
+MOST: Final = 100_000
+FPS: Final = 60
+
+Floats = npt.NDArray[np.float64]
+Agent = Callable[..., Floats]
+
+
+def candidates(blocks: int, count: int, rng: np.random.Generator) -> Floats:
+    """Different random plans of the official distribution, at most `count`, (C, 6) s; NaN for a block that stays."""
+    drawn = random_plans(blocks, count, rng)
+    _, first = np.unique(np.nan_to_num(drawn, nan=-1.0), axis=0, return_index=True)
+    return drawn[np.sort(first)].astype(np.float64)
+
+
+def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Agent:
+    """An agent that plays the k best of `count` random plans, as a trained classifier judges them.
+
+    Returns:
+        A function of scene, k, a NumPy generator and, which it does not read, earlier attempts; it gives plans,
+        (k, blocks) s, NaN for a block that stays. If k exceeds the number of different plans, the best come again.
+    """
+    return _ranking(classifier.config, classifier.params, check_whole("count", count, 1, MOST))
+
+
+def _ranking(config: OutcomeConfig, params: Params, count: int) -> Agent:
+    def propose(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Any] = ()) -> Floats:
+        del past
+        loaded = load_scene(scene)
+        blocks = len(loaded.eliminable_blocks)
+        plans = candidates(blocks, count, rng)
+        game = np.zeros(len(plans), np.int32)
+        seen = jax.tree.map(jnp.asarray, scene_inputs([loaded], config))
+        chance = predict(config, params, seen, game, plan_inputs([loaded], game, plans, config))[0]
+        best = np.argsort(-chance, kind="stable")
+        return plans[np.resize(best, check_whole("k", k)), :blocks]
+
+    return propose
+
+
+def draw_randomly(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Any] = ()) -> Floats:
+    """The agent that judges nothing: random plans in the order drawn."""
+    del past
+    blocks = len(load_scene(scene).eliminable_blocks)
+    return random_plans(blocks, k, rng)[:, :blocks].astype(np.float64)
+
+
+def solved_within(agent: Agent, games: Sequence[str], k: int, repeats: int, seed: int = 0) -> Floats:
+    """Let an agent try each game k times, at 60 steps a second, in float64 and a fresh space.
+
+    Args:
+        agent: from scene, k and generator to plans.
+        games: to play.
+        k: attempts.
+        repeats: of each game, with other random plans.
+        seed: of the generators.
+
+    Returns:
+        (G, k): share of the repeats that have solved the game within 1, 2, ..., k attempts.
+    """
+    scenes = [load_scene(game) for game in games]
+    plans = np.full((len(games), repeats, k, 6), np.nan)
+    for index, scene in enumerate(scenes):
+        for repeat in range(repeats):
+            proposed = agent(scene, k, np.random.default_rng([seed, index, repeat]))
+            plans[index, repeat, :, : proposed.shape[1]] = proposed
+    which = np.repeat(np.arange(len(games)), repeats * k)
+    steps = plan_to_steps(plans.reshape(-1, 6), FPS, "simulate")
+    success = simulate_many(scenes, which, steps, fps=FPS, dtype="float64").success.reshape(len(games), repeats, k)
+    return np.logical_or.accumulate(success, axis=2).mean(axis=1)

@@ -1,0 +1,1 @@
+"""Networks of outcome classifiers: the paper's and ours."""

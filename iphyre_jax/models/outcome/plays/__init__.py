@@ -1,0 +1,1 @@
+"""What outcome classifiers learn from and are tested on, as arrays."""

@@ -1,0 +1,159 @@
+"""Plays of varied scenes to learn from: templates of the basic games only, with blocks in the way of any kind.
+
+A variation is mirrored, shifted, stretched and jittered, and has up to three more blocks at random places, of which
+some can be removed. Each scene is played with random plans of the official distribution, then with neighbours of those
+that solved it: what they tell is where a solution ends.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+
+from iphyre_jax.data.dataset import SCHEMA, VERSION, Dataset, load_dataset, save_dataset, scene_entry
+from iphyre_jax.data.labels import DTYPE, FRESH, frames, label_plans
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.rules import DECISIONS_PER_SECOND
+from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
+from iphyre_jax.train.scenes import variations
+
+SCENES: Final = 1200  # variations of each game
+PLANS: Final = 24  # random plans of each scene
+NEIGHBOURS: Final = 8  # on average, plans near solutions of each scene
+ADDED: Final = 3  # blocks at most
+REMOVABLE: Final = 0.6  # chance that an added block can be removed, if there are slots left
+INSTANTS: Final = 70  # of the official distribution: 0, 0.1, ..., 6.9 s
+STAYS: Final = 0.2  # chance that a block stays, beside the instant 0
+MOVE: Final = 0.5  # s, the most by which a neighbour's times differ
+FPS: Final = 60
+STREAM: Final = 104_729  # seeds of these variations: not those that agents train on
+
+Floats = npt.NDArray[np.float32]
+
+
+def random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
+    """Plans of the official distribution: different instants, and each block stays with a chance.
+
+    Returns:
+        (count, 6) s; NaN for a block that stays or is not there.
+    """
+    plans = np.full((count, MAX_ELIMINABLE), np.nan, np.float32)
+    instants = rng.permuted(np.tile(np.arange(INSTANTS), (count, 1)), axis=1)[:, :blocks]
+    stays = (instants == 0) | (rng.random((count, blocks)) < STAYS)
+    plans[:, :blocks] = np.where(stays, np.nan, instants / DECISIONS_PER_SECOND)
+    return plans
+
+
+def neighbours(plans: Floats, blocks: npt.NDArray[np.int64], rng: np.random.Generator) -> Floats:
+    """Plans that differ from others (N, 6) by one or two times, or by one block that stays."""
+    tenths = np.rint(rng.uniform(-MOVE, MOVE, plans.shape) * DECISIONS_PER_SECOND) / DECISIONS_PER_SECOND
+    moved = np.where(rng.random(plans.shape) < 0.5, plans + tenths.astype(np.float32), plans)
+    column = rng.integers(0, blocks)
+    toggled = rng.random(len(plans)) < 0.25
+    rows = np.flatnonzero(toggled)
+    other = np.round(rng.uniform(0.1, 6.9, len(rows)), 1).astype(np.float32)
+    stood = np.isnan(moved[rows, column[rows]])
+    moved[rows, column[rows]] = np.where(stood, other, np.float32("nan"))
+    return np.asarray(np.where(moved < 0.05, np.float32(0.1), np.round(moved, 1)), np.float32)
+
+
+def distracted(scene: Scene, own: int, rng: np.random.Generator) -> Scene:
+    """A variation some of whose added blocks, those from index `own` on, can be removed."""
+    eliminable = np.array(scene.eliminable)
+    for block in range(own, scene.n_blocks):
+        eliminable[block] = rng.random() < REMOVABLE and eliminable.sum() < MAX_ELIMINABLE
+    return dataclasses.replace(scene, eliminable=eliminable)
+
+
+def scenes_of(game: str, count: int, seed: int) -> tuple[Scene, ...]:
+    """Variations of a game; at most `count`."""
+    rng = np.random.default_rng([STREAM, seed])
+    plain = variations(game, count, seed + STREAM, ADDED)
+    own = min(scene.n_blocks for scene in plain)
+    return tuple(distracted(scene, own, rng) for scene in plain)
+
+
+def play(scenes: Sequence[Scene], game: npt.NDArray[np.int32], times: Floats, draw: npt.NDArray[np.int32]) -> Dataset:
+    """Play plans in float64 and keep what became of them."""
+    steps = plan_to_steps(times, FPS, "simulate")
+    outcomes = label_plans(scenes, game, steps, FPS)
+    manifest = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "distribution": "official and neighbours of solutions",
+        "form": "fresh",
+        "fps": FPS,
+        "rule": "simulate",
+        "frames": frames(FPS),
+        "resets": FRESH,
+        "dtype": DTYPE,
+        "seed": STREAM,
+        "split": "train",
+        "scenes": [scene_entry(scene) for scene in scenes],
+    }
+    return Dataset(
+        tuple(scenes),
+        game=game.astype(np.int32),
+        times=times,
+        steps=steps.astype(np.int16),
+        success=outcomes.success,
+        end_step=outcomes.end_step,
+        removals=outcomes.removals,
+        draw=draw,
+        poses=None,
+        manifest=manifest,
+    )
+
+
+def collect_game(
+    game: str, *, scenes: int = SCENES, plans: int = PLANS, near: int = NEIGHBOURS, seed: int = 0
+) -> Dataset:
+    """Play variations of a game with random plans and with neighbours of the solutions found."""
+    varied = scenes_of(game, scenes, seed)
+    rng = np.random.default_rng([STREAM, seed, 1])
+    blocks = np.array([len(scene.eliminable_blocks) for scene in varied])
+    which = np.repeat(np.arange(len(varied), dtype=np.int32), plans)
+    times = np.concatenate([random_plans(int(count), plans, rng) for count in blocks])
+    first = play(varied, which, times, np.arange(len(which), dtype=np.int32))
+    solved = np.flatnonzero(first.success)
+    if not len(solved) or not near:
+        return first
+    weight = 1 / np.bincount(which[solved], minlength=len(varied))[which[solved]]  # scenes count alike
+    chosen = rng.choice(solved, near * len(varied), p=weight / weight.sum())
+    beside = neighbours(times[chosen], blocks[which[chosen]], rng)
+    second = play(varied, which[chosen], beside, len(which) + np.arange(len(chosen), dtype=np.int32))
+    return joined([first, second])
+
+
+def joined(sets: Sequence[Dataset]) -> Dataset:
+    """One data set of plays of the same scenes, or of several data sets one after the other."""
+    same = all(each.scenes is sets[0].scenes or each.scenes == sets[0].scenes for each in sets)
+    offsets = [0] * len(sets) if same else np.cumsum([0, *(len(each.scenes) for each in sets[:-1])]).tolist()
+    arrays = {
+        name: np.concatenate([each.arrays()[name] for each in sets]) for name in sets[0].arrays() if name != "poses"
+    }
+    arrays["game"] = np.concatenate(
+        [each.game + np.int32(offset) for each, offset in zip(sets, offsets, strict=True)]
+    ).astype(np.int32)
+    scenes = sets[0].scenes if same else tuple(scene for each in sets for scene in each.scenes)
+    entries = [entry for each in (sets[:1] if same else sets) for entry in each.manifest["scenes"]]
+    return Dataset(scenes, **arrays, poses=None, manifest={**sets[0].manifest, "scenes": entries})
+
+
+def augmented(folder: Path, console: Console) -> list[Dataset]:
+    """The plays of varied scenes of each basic game, from a folder that keeps them; what is missing is played."""
+    found = []
+    for game in SPLITS["basic"]:
+        file = folder / f"augmented-{game}.npz"
+        if not (file.is_file() and file.with_suffix(".json").is_file()):
+            console.print(f"playing variations of {game}")
+            folder.mkdir(parents=True, exist_ok=True)
+            save_dataset(collect_game(game), file)
+        found.append(load_dataset(file))
+    return found

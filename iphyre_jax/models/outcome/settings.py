@@ -1,0 +1,163 @@
+"""Settings of an outcome classifier, and the presets: what the paper does, the same cleaned up, and our own."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Final, Literal, get_args
+
+from iphyre_jax.checks import check_flag, check_option, check_positive, check_whole, show
+
+NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations"]
+PresetName = Literal["paper", "clean", "relations"]
+DataName = Literal["official", "large"]
+
+NETWORKS: Final = get_args(NetworkName)
+PRESETS: Final = get_args(PresetName)
+MAX_EPOCHS: Final = 100_000
+VISION_BATCH: Final = 64
+
+
+@dataclass(frozen=True)
+class OutcomeConfig:
+    """Settings of one row: networks of several seeds, trained side by side on the same plays.
+
+    Attributes:
+        preset: where the settings come from.
+        network: "global", "object" and "vision" are the paper's; "plan" and "scene" see only one of the two inputs.
+        data: "official", 50 solved and 50 failed plans of each basic game; "large", thousands, and variations.
+        seeds: networks, with seeds 0, 1, ...
+        epochs: passes over the plays.
+        batch_size: plays in a step.
+        learning_rate: of Adam at the start.
+        final_rate: least learning rate.
+        half_period: steps from the largest rate to the least, after which it rises again; 0: once over all steps.
+        weight_decay: of AdamW.
+        time_scale: s, by which times are divided.
+        removal_flag: tell apart a block that stays from one that goes at once.
+        masked_times: leave out removals after the end of the play, as the official files do. This tells of the outcome.
+        equal_weights: count each game and class alike in the loss.
+        draws: plays of an epoch, drawn so that each game and class is equally frequent; 0: every play once.
+        mirrored: mirror plays, each with a probability of one half.
+        keep_best: keep the network of the epoch with the least loss on held-out plays of basic; else the last.
+        width: features of each object, of "relations" alone.
+        rounds: of attention, of "relations" alone.
+        chunk: epochs between checkpoints.
+    """
+
+    preset: PresetName = "paper"
+    network: NetworkName = "global"
+    data: DataName = "official"
+    seeds: int = 5
+    epochs: int = 200
+    batch_size: int = 16
+    learning_rate: float = 1e-3
+    final_rate: float = 1e-6
+    half_period: int = 200
+    weight_decay: float = 0.0
+    time_scale: float = 1.0
+    removal_flag: bool = False
+    masked_times: bool = True
+    equal_weights: bool = False
+    draws: int = 0
+    mirrored: bool = False
+    keep_best: bool = False
+    width: int = 32
+    rounds: int = 3
+    chunk: int = 20
+
+    def check(self) -> None:
+        """Refuse settings that cannot work.
+
+        Raises:
+            ValueError: one line naming the setting and what was expected.
+        """
+        for name, options in (("preset", PRESETS), ("network", NETWORKS), ("data", get_args(DataName))):
+            check_option(name, getattr(self, name), options)
+        for name in ("seeds", "epochs", "batch_size", "width", "rounds", "chunk"):
+            check_whole(name, getattr(self, name), 1, MAX_EPOCHS)
+        for name in ("half_period", "draws"):
+            check_whole(name, getattr(self, name), 0)
+        for name in ("learning_rate", "final_rate", "time_scale"):
+            check_positive(name, getattr(self, name))
+        for field in dataclasses.fields(self):
+            if isinstance(field.default, bool):
+                check_flag(field.name, getattr(self, field.name))
+        if self.epochs % self.chunk:
+            raise ValueError(f"chunk: expected a divisor of {self.epochs} epochs, got {show(self.chunk)}")
+
+    @property
+    def name(self) -> str:
+        """Of the row: "paper-global"."""
+        return self.preset if self.network == "relations" else f"{self.preset}-{self.network}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The settings as a JSON object."""
+        return dataclasses.asdict(self)
+
+
+# Cleaned up: scaled times, one anneal, every game and class counts alike, and a network chosen on held-out plays.
+_CLEAN: Final = OutcomeConfig(
+    preset="clean",
+    half_period=0,
+    time_scale=15.0,
+    removal_flag=True,
+    masked_times=False,
+    equal_weights=True,
+    keep_best=True,
+)
+_RELATIONS: Final = OutcomeConfig(
+    preset="relations",
+    network="relations",
+    data="large",
+    seeds=1,
+    epochs=40,
+    batch_size=256,
+    learning_rate=2e-3,
+    half_period=0,
+    weight_decay=1e-4,
+    time_scale=1.0,
+    removal_flag=True,
+    masked_times=False,
+    draws=25_600,
+    mirrored=True,
+    chunk=1,
+)
+
+
+def settings(preset: PresetName = "paper", network: NetworkName | None = None) -> OutcomeConfig:
+    """The settings of a preset with a network.
+
+    Args:
+        preset: "paper", "clean" or "relations".
+        network: by default the preset's first: "global", or "relations".
+
+    Raises:
+        ValueError: one line; there is no such preset or network.
+    """
+    check_option("preset", preset, PRESETS)
+    base = {"paper": OutcomeConfig(), "clean": _CLEAN, "relations": _RELATIONS}[preset]
+    chosen = base.network if network is None else network
+    check_option("network", chosen, NETWORKS)
+    config = dataclasses.replace(base, network=chosen)
+    if chosen == "vision":  # pictures are dear: fewer, larger steps, with as many swings
+        ratio = VISION_BATCH // config.batch_size
+        config = dataclasses.replace(config, batch_size=VISION_BATCH, half_period=config.half_period // ratio)
+    return config
+
+
+def settings_from_json(content: object, source: str) -> OutcomeConfig:
+    """The settings that `to_json` wrote.
+
+    Raises:
+        ValueError: one line that begins with `source`; a setting is missing, unknown or wrong.
+    """
+    names = {field.name for field in dataclasses.fields(OutcomeConfig)}
+    if not isinstance(content, dict) or set(content) != names:
+        raise ValueError(f"{source}: settings: expected {', '.join(sorted(names))}, got {show(content)}")
+    config = OutcomeConfig(**content)
+    try:
+        config.check()
+    except ValueError as error:
+        raise ValueError(f"{source}: settings: {error}") from None
+    return config

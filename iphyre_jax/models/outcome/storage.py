@@ -1,0 +1,222 @@
+"""Run folders of outcome classifiers, and the trained ones that ship with the package.
+
+config.json       settings, data, versions, machine, commit
+state.npz         the whole state after the last chunk of epochs, with what was measured; whole at any moment
+metrics.csv       one line an epoch: means over the seeds
+evaluation.json   what the trained networks are worth
+
+A trained classifier is NAME.npz, one network's parameters in float16, and NAME.json, with the sum of the former.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import show
+from iphyre_jax.data.dataset import Dataset
+from iphyre_jax.files import read_json_object, read_npz, replace_bytes, replace_json, replace_text
+from iphyre_jax.models.outcome.networks.fusion import network
+from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes, scene_inputs
+from iphyre_jax.models.outcome.settings import OutcomeConfig, settings_from_json
+from iphyre_jax.models.outcome.training import History, OutcomeState, Params
+from iphyre_jax.provenance import provenance
+from iphyre_jax.scenes import load_scene
+from iphyre_jax.train.storage.checkpoint import named_arrays
+
+SCHEMA: Final = "iphyre_jax/outcome-run"
+WEIGHTS_SCHEMA: Final = "iphyre_jax/outcome-classifier"
+VERSION: Final = 1
+CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
+HISTORY: Final = "history."
+MAX_STATE: Final = 2**30  # bytes
+WEIGHTS: Final = Path(str(files("iphyre_jax.models.outcome").joinpath("weights")))
+
+
+def plays_sum(plays: Dataset) -> str:
+    """A sum over all that is learned from a data set: other plays, another sum."""
+    hasher = hashlib.sha256()
+    for name in ("game", "times", "steps", "success", "end_step"):
+        hasher.update(np.ascontiguousarray(getattr(plays, name)).tobytes())
+    return hasher.hexdigest()
+
+
+def create(folder: Path, config: OutcomeConfig, learned: Dataset) -> None:
+    """Begin a run folder, or find the same run in it.
+
+    Raises:
+        ValueError: one line; the folder holds a run with other settings or other plays.
+    """
+    config.check()
+    found = {"settings": config.to_json(), "plays": {"count": len(learned), "sha256": plays_sum(learned)}}
+    if (folder / CONFIG).is_file():
+        content = read_json_object(folder / CONFIG)
+        for field, value in found.items():
+            if content.get(field) != value:
+                raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_json(folder / CONFIG, {"schema": SCHEMA, "version": VERSION, **found, **provenance()})
+
+
+def read_config(folder: Path) -> OutcomeConfig:
+    """The settings of a run.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    file = folder / CONFIG
+    if not file.is_file():
+        raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
+    content = read_json_object(file)
+    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
+        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
+    return settings_from_json(content.get("settings"), str(file))
+
+
+def read_evaluation(folder: Path) -> dict[str, Any]:
+    """The evaluation of a run.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    file = folder / EVALUATION
+    if not file.is_file():
+        raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
+    content = read_json_object(file)
+    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
+        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
+    return content
+
+
+def save(folder: Path, state: OutcomeState, history: History) -> None:
+    """Write state and measurements of a run after some epochs."""
+    arrays = {**named_arrays(state), **{HISTORY + name: value for name, value in history._asdict().items()}}
+    replace_bytes(folder / STATE, _packed(arrays))
+    lines = ["epoch,loss,held_loss,held_accuracy"]
+    for number, row in enumerate(zip(*(np.asarray(each).mean(axis=1) for each in history), strict=True), start=1):
+        lines.append(",".join([str(number), *(f"{value:.5f}" for value in row)]))
+    replace_text(folder / METRICS, "\n".join(lines) + "\n")
+
+
+def load(folder: Path, like: OutcomeState) -> tuple[OutcomeState, History] | None:
+    """What `save` wrote; None if nothing was.
+
+    Args:
+        folder: of the run.
+        like: a state of the same settings, for its shapes.
+
+    Raises:
+        ValueError: one line; the file is damaged or belongs to other settings.
+    """
+    file = folder / STATE
+    if not file.is_file():
+        return None
+    arrays = read_npz(file, MAX_STATE)
+    history = [arrays.pop(HISTORY + name, np.zeros(0)) for name in History._fields]
+    return _restored(arrays, like, file), History(*(jnp.asarray(each) for each in history))
+
+
+def _packed(arrays: Mapping[str, Any]) -> bytes:
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **{name: np.asarray(value) for name, value in arrays.items()})  # type: ignore[arg-type]
+    return packed.getvalue()
+
+
+def _restored(arrays: Mapping[str, npt.NDArray[Any]], like: Any, file: Path) -> Any:  # noqa: ANN401 - any tree
+    """A tree like another, with arrays by their names.
+
+    Raises:
+        ValueError: one line; an array is missing, unknown, or of another shape.
+    """
+    expected = named_arrays(like)
+    for key in sorted({*expected, *arrays}):
+        if key not in expected or key not in arrays:
+            raise ValueError(f"{file}: {key}: {'not expected' if key in arrays else 'missing'}")
+        if arrays[key].shape != expected[key].shape:
+            raise ValueError(f"{file}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
+    leaves = [jnp.asarray(arrays[key], leaf.dtype) for key, leaf in expected.items()]
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeClassifier:
+    """A trained network.
+
+    Attributes:
+        name: as in docs/results/outcome.md.
+        config: settings of its training.
+        params: of one network, with an axis of one seed in front.
+        origin: how the seed was chosen and where it was trained.
+    """
+
+    name: str
+    config: OutcomeConfig
+    params: Params
+    origin: Mapping[str, Any]
+
+
+def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
+    """The names of the trained classifiers."""
+    return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+
+
+def rounded(params: Params, seed: int) -> Params:
+    """One network of several, rounded to what ships: float16."""
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf[seed : seed + 1], np.float16), leaf.dtype), params)
+
+
+def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
+    """Write the two files of a classifier; its parameters are `rounded`."""
+    halves = {name: np.asarray(leaf, np.float16) for name, leaf in named_arrays(classifier.params).items()}
+    content = _packed(halves)
+    described = {
+        "schema": WEIGHTS_SCHEMA,
+        "version": VERSION,
+        "settings": classifier.config.to_json(),
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "origin": dict(classifier.origin),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_bytes(folder / f"{classifier.name}.npz", content)
+    replace_json(folder / f"{classifier.name}.json", described)
+
+
+def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
+    """A trained classifier of the package, or of another folder.
+
+    Raises:
+        ValueError: one line; the name is unknown, or its files are damaged.
+    """
+    described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
+    if not (described.is_file() and arrays.is_file()):
+        raise ValueError(f"classifier: expected one of {', '.join(names(folder)) or 'none'}; got {show(name)}")
+    content = read_json_object(described)
+    if content.get("schema") != WEIGHTS_SCHEMA or content.get("version") != VERSION:
+        raise ValueError(f"{described}: expected schema {WEIGHTS_SCHEMA}, version {VERSION}")
+    config = settings_from_json(content.get("settings"), str(described))
+    with arrays.open("rb") as opened:
+        if hashlib.file_digest(opened, "sha256").hexdigest() != content.get("sha256"):
+            raise ValueError(f"{arrays}: damaged: it does not have the SHA-256 sum of {described.name}")
+    like = jax.eval_shape(lambda: _one_network(config))
+    params = _restored(read_npz(arrays, MAX_STATE), like, arrays)
+    return OutcomeClassifier(name, dataclasses.replace(config, seeds=1), params, content.get("origin", {}))
+
+
+def _one_network(config: OutcomeConfig) -> Params:
+    """Parameters of one network of these settings, with an axis of one seed in front."""
+    scenes: Scenes = scene_inputs([load_scene("support")], config)
+    plans, game = Plans(jnp.zeros((1, 12)), jnp.zeros((1, 12))), jnp.zeros(1, jnp.int32)
+    params = network(config).init(jax.random.key(0), jnp.asarray(scenes.rows)[game], plans, scenes, game)
+    return jax.tree.map(lambda leaf: leaf[None], params)

@@ -1,0 +1,114 @@
+"""Training: it learns what can be learned, resumes to the same bits, and ships what it was."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from rich.console import Console
+
+from iphyre_jax.models.outcome import metrics, runs, storage, training
+from iphyre_jax.models.outcome.agent import draw_randomly, ranking_agent
+from iphyre_jax.models.outcome.settings import settings
+from tests.models.outcome.made_up import made_up
+
+QUIET = Console(quiet=True)
+CONFIG = dataclasses.replace(settings("clean", "plan"), seeds=2, epochs=20, chunk=10, learning_rate=1e-2)
+LEARNED, HELD, JUDGED = made_up(60, 0), made_up(30, 1), made_up(60, 2)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, training.OutcomeState]:
+    folder = tmp_path_factory.mktemp("outcome") / "run"
+    return folder, runs.train(folder, CONFIG, LEARNED, HELD, QUIET)
+
+
+def accuracy(state: training.OutcomeState) -> float:
+    chances = runs.judge(CONFIG, training.chosen(CONFIG, state), JUDGED)
+    assert chances.shape == (2, len(JUDGED))
+    return float(np.mean([metrics.scores(JUDGED.game, JUDGED.success, one).accuracy for one in chances]))
+
+
+def test_learns_what_the_plan_decides(trained: tuple[Path, training.OutcomeState]) -> None:
+    assert accuracy(trained[1]) > 0.9
+
+
+def test_shuffled_labels_give_chance(tmp_path: Path) -> None:
+    state = runs.train(tmp_path / "run", CONFIG, made_up(60, 0, shuffled=True), HELD, QUIET)
+    assert 0.3 < accuracy(state._replace(best=state.params)) < 0.7
+
+
+def test_resumes_to_the_same_bits(trained: tuple[Path, training.OutcomeState], tmp_path: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    folder = tmp_path / "run"
+    with pytest.MonkeyPatch.context() as patched:
+        kept = storage.save
+        patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            runs.train(folder, CONFIG, LEARNED, HELD, QUIET)
+    assert len((folder / storage.METRICS).read_text().splitlines()) == 1 + CONFIG.chunk
+    resumed = runs.train(folder, CONFIG, LEARNED, HELD, QUIET)
+    for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (folder / storage.METRICS).read_bytes() == (trained[0] / storage.METRICS).read_bytes()
+
+
+def test_other_plays_are_refused(trained: tuple[Path, training.OutcomeState]) -> None:
+    with pytest.raises(ValueError, match=r"config\.json: plays: expected those of this run"):
+        runs.train(trained[0], CONFIG, HELD, HELD, QUIET)
+
+
+def test_evaluates_ships_and_plays(trained: tuple[Path, training.OutcomeState], tmp_path: Path) -> None:
+    folder, state = trained
+    judged = {"held-out basic": JUDGED, "unseen_basic": HELD}
+    evaluation = runs.evaluate(folder, CONFIG, state, judged, np.full(3, 0.25))
+    assert storage.read_evaluation(folder)["columns"] == evaluation["columns"]
+    assert evaluation["parameters"] == 24 * 256 + 256 + 256 * 2 + 2
+    storage.save_classifier(runs.shipped(CONFIG, state, evaluation), tmp_path)
+    loaded = storage.load_classifier("clean-plan", tmp_path)
+    best = runs.best_seed(evaluation)
+    before = runs.judge(CONFIG, training.chosen(CONFIG, state), JUDGED)[best]
+    np.testing.assert_allclose(runs.judge(loaded.config, loaded.params, JUDGED)[0], before, atol=0.02)
+    # As an agent: it believes in removals of the first block before 3.5 s.
+    plans = ranking_agent(loaded, 200)("hinder", 5, np.random.default_rng(0))
+    assert plans.shape == (5, 3)
+    assert (plans[:, 0] < 3.5).all()
+    assert draw_randomly("hinder", 5, np.random.default_rng(0)).shape == (5, 3)
+    damaged = tmp_path / "clean-plan.npz"
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    with pytest.raises(ValueError, match="damaged"):
+        storage.load_classifier("clean-plan", tmp_path)
+
+
+def test_swinging_rate() -> None:
+    config = settings("paper")
+    rate = training.learning_rate(config, 12_600)
+    assert rate(0) == pytest.approx(1e-3)
+    assert rate(100) == pytest.approx((1e-3 + 1e-6) / 2)
+    assert rate(200) == pytest.approx(1e-6, rel=1e-3)
+    assert rate(400) == pytest.approx(1e-3)
+    assert rate(12_600) == pytest.approx(1e-6, rel=1e-2)  # the paper's training ends at the bottom
+    once = training.learning_rate(settings("clean"), 1000)
+    assert once(500) == pytest.approx((1e-3 + 1e-6) / 2)
+    assert once(1000) == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
+    config = dataclasses.replace(CONFIG, batch_size=16)
+    index, counts = training._epoch_indices(config, jax.random.key(0), np.ones(41, np.float32))
+    assert index.shape == counts.shape == (3, 16)
+    assert sorted(np.asarray(index)[np.asarray(counts) > 0].tolist()) == list(range(41))
+
+
+def test_drawn_plays_are_balanced() -> None:
+    config = dataclasses.replace(settings("relations"), draws=5000, batch_size=100)
+    weight = np.array([1.0] * 900 + [9.0] * 100, np.float32)
+    index, counts = training._epoch_indices(config, jax.random.key(0), weight)
+    assert index.shape == (50, 100)
+    assert np.asarray(counts).all()
+    assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
