@@ -112,9 +112,11 @@ def open_plays(path: Path) -> None:
         OSError: it cannot be read or written.
         ValueError: it is no file, or holds something else than plays; one line.
     """
-    if not path.exists():
-        return
     name = one_line(str(path))
+    if not path.exists():
+        if not os.access(path.parent, os.W_OK):
+            raise PermissionError(f"{name}: expected a file in a folder that can be written")
+        return
     if not path.is_file():
         raise ValueError(f"{name}: expected a file of plays, got something that is no file")
     is_empty = True

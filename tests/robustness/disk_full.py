@@ -2,7 +2,8 @@
 
 A tiny run is trained again and again. Each time the disk is full from one write on, from the first to the last; or no
 file may become longer than some size, which also stops what compiled code writes, in mid-write. The run must end with
-one line that names its folder. Once there is room again it must go on to the same bits and lines.
+one line that names its folder. Once there is room again it must go on to the same bits and lines. How often a run
+writes varies by a few; a run that ended before its disk was full does not count.
 """
 
 from __future__ import annotations
@@ -72,7 +73,10 @@ def main() -> int:
     faults |= {f"size-{size}": files_of_at_most(size) for size in SIZES}
     found = []
     for name, fault in faults.items():
-        found.append(survives(root / name, undisturbed, fault))
+        disk.failed = False
+        result = survives(root / name, undisturbed, fault)
+        if disk.failed or name.startswith("size"):
+            found.append(result)
         shutil.rmtree(root / name, ignore_errors=True)
     survived, lost = (sum(each) for each in zip(*found, strict=True))
     promise = "a run on a full disk ends with one line and resumes to the same bits"

@@ -26,6 +26,7 @@ class FailingDisk:
         self._from: int | None = None
         self._code = errno.ENOSPC
         self.writes = 0
+        self.failed = False  # since `failing` was entered
         self._fsync = os.fsync
         sys.addaudithook(self._on_event)  # cannot be taken away again; without a root it does nothing
 
@@ -33,6 +34,7 @@ class FailingDisk:
     def failing(self, root: Path, from_write: int | None = None, code: int = errno.ENOSPC) -> Iterator[None]:
         """Let writes into `root` fail with an errno, from that one on, counted from 0; None to count only."""
         self._root, self._from, self._code, self.writes = str(root.absolute()), from_write, code, 0
+        self.failed = False
         os.fsync = self._on_fsync
         try:
             yield
@@ -57,6 +59,7 @@ class FailingDisk:
     def _write(self, *path: str) -> None:
         self.writes += 1
         if self._from is not None and self.writes > self._from:
+            self.failed = True
             raise OSError(self._code, os.strerror(self._code), *path)
 
 

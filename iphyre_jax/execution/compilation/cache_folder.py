@@ -14,6 +14,7 @@ import os
 import platform
 import stat
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -27,6 +28,7 @@ OFF_WORDS = ("0", "off", "no", "false")
 MAGIC = b"iphyre_jax program\n"
 SUFFIX = ".program"
 JAX_SUFFIX = ".jax"  # of programs that JAX compiles for the user
+ROOM = 1 << 23  # bytes on the disk, more than the entry of a game takes
 WAIT = 0.05  # s between checks of another process's claim
 KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when programs are compiled
 
@@ -135,6 +137,17 @@ def write_entry(path: Path, key: Mapping[str, Any], payload: bytes) -> None:
     header = {"key": key, "sha256": hashlib.sha256(payload).hexdigest()}
     with replacing(path) as draft, open(draft, "wb", opener=_open_private) as file:
         file.write(MAGIC + _canonical(header) + b"\n" + payload)
+
+
+def check_room(folder: Path) -> None:
+    """See that an entry can be written into a folder, before it is compiled.
+
+    Raises:
+        OSError: the folder is read-only, or its disk is full.
+    """
+    with tempfile.TemporaryFile(dir=folder) as file:
+        if hasattr(os, "posix_fallocate"):  # not on Windows and macOS
+            os.posix_fallocate(file.fileno(), 0, ROOM)
 
 
 def remove_old_entries(folder: Path) -> None:

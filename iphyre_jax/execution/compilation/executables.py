@@ -11,8 +11,8 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -119,21 +119,39 @@ def _load_all(programs: Sequence[Program], folder: Path) -> None:
 def _compile_all(
     missing: Sequence[Program], entries: Mapping[Program, tuple[Path, dict[str, Any]]], folder: Path
 ) -> None:
-    jobs = [Job(describe(program), *entries[program], options_for(program.lanes)) for program in missing]
+    with _room(folder) as place:
+        if place != folder:
+            entries = {program: _entry(program, place) for program in missing}
+        jobs = [Job(describe(program), *entries[program], options_for(program.lanes)) for program in missing]
+        try:
+            compile_all(jobs, _show)
+            cache_folder.remove_old_entries(place)
+        except CompilationError as error:
+            problem = str(error)
+        else:
+            problem = "the compiled program cannot be loaded"
+        finally:
+            _clear()
+        for program in missing:
+            if not _load(program, *entries[program]):
+                text = f"programs are compiled in this process, without compiler options ({problem}); {COST}"
+                warnings.warn(text, RuntimeWarning, stacklevel=4)
+                _keep(program, run_in_jax(program.run, program.dtype))
+
+
+@contextmanager
+def _room(folder: Path) -> Iterator[Path]:
+    """Yield the folder, or a temporary one if nothing can be written there."""
     try:
-        compile_all(jobs, _show)
-        cache_folder.remove_old_entries(folder)
-    except CompilationError as error:
-        problem = str(error)
+        cache_folder.check_room(folder)
+    except OSError as error:
+        reason = f"cache: cannot write into {folder}: {error.strerror}"
+        warnings.warn(f"compiled programs are not kept ({reason})", RuntimeWarning, stacklevel=6)
     else:
-        problem = "the compiled program cannot be loaded"
-    finally:
-        _clear()
-    for program in missing:
-        if not _load(program, *entries[program]):
-            text = f"programs are compiled in this process, without compiler options ({problem}); {COST}"
-            warnings.warn(text, RuntimeWarning, stacklevel=4)
-            _keep(program, run_in_jax(program.run, program.dtype))
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="iphyre_jax_") as temporary:
+        yield Path(temporary)
 
 
 def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -220,6 +221,33 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
         played = simulate("hole", PLAN, fps=10, duration=1)
     np.testing.assert_array_equal(played.reward, expected.reward)
     np.testing.assert_array_equal(played.steps, expected.steps)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of a file's size is Linux's")
+def test_where_nothing_can_be_kept_programs_are_compiled_elsewhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a compiler process, as fast as ever: in this process steps would take 40 times as long."""
+    seen: list[Path] = []
+
+    def compile_all(jobs: list[compiler.Job], show: object) -> None:
+        del show
+        seen.extend(job.path.parent for job in jobs)
+        assert all(path.is_dir() for path in seen)
+        raise compiler.CompilationError("seen")
+
+    program = Score(topology_of(load_scene("hole")), "float32", 32, 6)
+    monkeypatch.setattr(executables, "compile_all", compile_all)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))  # as on a full disk
+    try:
+        with pytest.warns(RuntimeWarning, match="programs are") as warned:
+            executables.prepare([program])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert f"are not kept (cache: cannot write into {folder}: File too large)" in str(warned[0].message)
+    assert seen[0] != folder
+    assert not seen[0].exists()
 
 
 class Terminal(io.StringIO):
