@@ -19,6 +19,7 @@ from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.collection import MAX_DRAWS, PlanPolicy
+from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
@@ -106,6 +107,8 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         return 1 if different else 0
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
+    if command.out is not None:
+        check_path(command.out)
     dataset = _make(command, report)
     if command.out is not None:
         save_dataset(dataset, command.out)

@@ -135,7 +135,7 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
         ValueError: the path has another ending, or an array another type or shape; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = _files(path)
+    npz, manifest = check_path(path)
     arrays = dataset.arrays()
     _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
     packed = io.BytesIO()
@@ -160,7 +160,7 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
         OSError: a file cannot be read.
         ValueError: a byte of either file was changed, a field is wrong, or memory does not suffice; one line.
     """
-    npz, manifest_file = _files(path)
+    npz, manifest_file = check_path(path)
     manifest = _read_manifest(manifest_file)
     with npz.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
@@ -175,8 +175,8 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
     return Dataset(scenes, **{name: arrays.get(name) for name in _DTYPES}, manifest=manifest)  # type: ignore[arg-type]
 
 
-def _files(path: str | os.PathLike[str]) -> tuple[Path, Path]:
-    """Return the two files of a data set."""
+def check_path(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Return the two files of a data set, NAME.npz and NAME.json; ValueError in one line for another path."""
     if not isinstance(path, str | os.PathLike) or "\0" in str(path) or Path(path).suffix not in (".npz", ".json"):
         raise ValueError(f"path: expected the path of a data set, NAME.npz, got {show(path)}")
     return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
