@@ -92,7 +92,8 @@ test-learners: .venv/.stamp ## every learner beats the random agent on two games
 	$(PY) tests/robustness/beats_random.py
 
 test-data: .venv/.stamp ## data sets: counts of all forty games, pymunk in the official order, labels of the named sets; an hour
-	$(FAULT_SCRIPT)/datasets.py && $(FAULT_SCRIPT)/datasets.py --sets && $(FAULT_SCRIPT)/datasets.py --reference
+	$(FAULT_SCRIPT)/datasets.py && $(FAULT_SCRIPT)/datasets.py --sets && $(FAULT_SCRIPT)/datasets.py --kill \
+		&& $(FAULT_SCRIPT)/datasets.py --reference
 
 test-minari: ## the tests of the Minari export, in an environment of its own
 	$(PYTHON) -m venv $(MINARI_VENV)

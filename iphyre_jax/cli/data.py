@@ -19,6 +19,7 @@ from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.collection import MAX_DRAWS, PlanPolicy
+from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
@@ -104,8 +105,10 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         for line in different or [f"{command.verify}: {len(dataset)} plays, all reproduced"]:
             say(console, line)
         return 1 if different else 0
-    if command.out is None and command.named is None:
-        raise ValueError("out: expected the file to write, --out NAME.npz")
+    if not any((command.out, command.named, command.official, command.minari)):
+        raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
+    if command.out is not None:
+        check_path(command.out)
     dataset = _make(command, report)
     if command.out is not None:
         save_dataset(dataset, command.out)
@@ -199,6 +202,6 @@ def _describe(dataset: Dataset, command: Collect, console: Console) -> None:
             name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
             found = f"{entry['successes']} successes and {entry['failures']} failures"
             say(console, f"{name}: only {found} in {entry['draws']} draws")
-    where = f"{command.out}: " if command.out is not None else f"{command.named}: "
+    where = "" if command.out is None else f"{command.out}: "
     solved = int(dataset.success.sum())
     say(console, f"{where}{len(dataset)} plays of {len(dataset.scenes)} scenes, {solved} solved, {dataset.fps} fps")

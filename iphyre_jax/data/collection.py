@@ -98,7 +98,8 @@ def collect(
         failures: plays that do not.
         distribution: "official": the plans of the official function, times below 7 s. "uniform15": the same with times
             below 15 s. "policy": plans of `policy`. "mixed": a half as "official", then neighbours of the successes
-            found there, one removal moved by 0.1 to 0.5 s. "policy" and "mixed" keep no play twice.
+            found there, one removal moved by 0.1 to 0.5 s, and random plans again where these do not suffice. "policy"
+            and "mixed" keep no play twice.
         form: "fresh": each play in a fresh space. "exact": in the successive resets of one space, as the official loop
             plays; the labels are then those of `iphyre_jax.compat.generate_actions`. One play in 250 ends otherwise.
         fps: physics steps a second, a whole number up to 2,183; with sequences a multiple of 10.
@@ -186,9 +187,10 @@ def gather(
     run_searches(scenes, searches, recipe.fps, recipe.form == "exact", journal)
     found = [[search] for search in searches]
     if is_mixed:
-        more = [_neighbour_search(search, all_of, recipe) for search, all_of in zip(searches, wanted, strict=True)]
-        run_searches(scenes, more, recipe.fps, False, journal)
-        found = [[first, second] for first, second in zip(searches, more, strict=True)]
+        for next_search in (_neighbour_search, _filling_search):
+            more = [next_search(scenes[k], found[k], wanted[k], recipe) for k in range(len(scenes))]
+            run_searches(scenes, more, recipe.fps, False, journal)
+            found = [[*done, search] for done, search in zip(found, more, strict=True)]
     return dataset_of(scenes, found, recipe, journal)
 
 
@@ -204,21 +206,33 @@ def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
     return plans
 
 
-def _neighbour_search(search: Search, wanted: tuple[int, int], recipe: Recipe) -> Search:
-    """Return the second half of a mixed set."""
-    bases = [search.times[row] for row in search.rows(True)]
-    rest = (wanted[0] - search.wanted[0], wanted[1] - search.wanted[1])
-    return Search(neighbours(bases, recipe.seed), rest, recipe.max_draws, search.draws(), search.known)
+def _neighbour_search(scene: Scene, done: Sequence[Search], wanted: tuple[int, int], recipe: Recipe) -> Search:
+    """Return the second half of a mixed set: neighbours of the successes of the first."""
+    (first,) = done
+    bases = [first.times[row] for row in first.rows(True)]
+    return _next_search(neighbours(bases, recipe.seed), done, wanted, recipe)
+
+
+def _filling_search(scene: Scene, done: Sequence[Search], wanted: tuple[int, int], recipe: Recipe) -> Search:
+    """Return what a mixed set still lacks, where there are too few neighbours of a kind: more random plans."""
+    return _next_search(_plans(scene, recipe, done[0].draws()), done, wanted, recipe)
+
+
+def _next_search(plans: Iterator[Plan], done: Sequence[Search], wanted: tuple[int, int], recipe: Recipe) -> Search:
+    kept = [sum(len(search.rows(solved)) for search in done) for solved in (True, False)]
+    rest = (wanted[0] - kept[0], wanted[1] - kept[1])
+    number = done[-1].first + done[-1].draws()
+    return Search(plans, rest, recipe.max_draws, number, done[-1].known)
 
 
 def dataset_of(scenes: Sequence[Scene], found: Sequence[Sequence[Search]], recipe: Recipe, journal: Journal) -> Dataset:
     """Join the kept plays of the searches of each scene."""
-    kept = [kept_rows(search) for of_scene in found for search in of_scene]
-    counts = [sum(len(kept_rows(search)["draw"]) for search in of_scene) for of_scene in found]
-    times = np.concatenate(
-        [np.zeros((0, scenes[0].limits.blocks)), *(rows["times"] for rows in kept if len(rows["draw"]))]
-    )
-    columns = {name: np.concatenate([rows[name] for rows in kept]) for name in kept[0] if name != "times"}
+    kept = [[kept_rows(search) for search in of_scene] for of_scene in found]
+    counts = [sum(len(rows["draw"]) for rows in of_scene) for of_scene in kept]
+    parts = [rows for of_scene in kept for rows in of_scene]
+    none = np.zeros((0, scenes[0].limits.blocks))
+    times = np.concatenate([none, *(rows["times"] for rows in parts if len(rows["draw"]))])
+    columns = {name: np.concatenate([rows[name] for rows in parts]) for name in parts[0] if name != "times"}
     game = np.repeat(np.arange(len(scenes), dtype=np.int32), counts)
     entries = [_entry(scene, of_scene) for scene, of_scene in zip(scenes, found, strict=True)]
     return build(scenes, game, times, columns, recipe, journal, {"scenes": entries})
@@ -268,7 +282,7 @@ def build(
 
 def _entry(scene: Scene, searches: Sequence[Search]) -> dict[str, Any]:
     """Return what a manifest says of a scene; `iterations` is where the official loop stops, null if it goes on."""
-    complete = not any(any(search.missing()) for search in searches)
+    complete = not any(searches[-1].missing())
     parts = [(search, search.labels.take(np.arange(search.draws()))) for search in searches]
     return {
         **scene_entry(scene),

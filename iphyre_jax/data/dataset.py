@@ -15,8 +15,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,12 +29,13 @@ import numpy.typing as npt
 from iphyre_jax.checks import is_list, one_line, show
 from iphyre_jax.files import parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
+from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 
 SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
 MAX_MANIFEST: Final = 200_000_000  # bytes; ten thousand scenes take some 10 MB
-MAX_ARRAYS: Final = 2**34  # bytes
+HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
 MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
 _PACKAGE_GAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
@@ -133,7 +135,7 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
         ValueError: the path has another ending, or an array another type or shape; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = _files(path)
+    npz, manifest = check_path(path)
     arrays = dataset.arrays()
     _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
     packed = io.BytesIO()
@@ -158,23 +160,23 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
         OSError: a file cannot be read.
         ValueError: a byte of either file was changed, a field is wrong, or memory does not suffice; one line.
     """
-    npz, manifest_file = _files(path)
+    npz, manifest_file = check_path(path)
     manifest = _read_manifest(manifest_file)
     with npz.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         if size != manifest["npz"]["bytes"]:
             raise ValueError(f"{one_line(str(npz))}: expected {manifest['npz']['bytes']} bytes, got {size}")
         check_memory("path", 2 * size + _unpacked(manifest), "read it on a machine with more memory")
-        if hashlib.file_digest(file, "sha256").hexdigest() != manifest["npz"]["sha256"]:
+        if hashlib.file_digest(file, "sha256").hexdigest() != manifest["npz"].get("sha256"):
             raise ValueError(f"{one_line(str(npz))}: expected the bytes of its manifest, but they were changed")
-    arrays = read_npz(npz, MAX_ARRAYS)
+    arrays = read_npz(npz, max(size, _unpacked(manifest)) + HEADERS)
     scenes = tuple(_read_scene(entry, f"{manifest_file}: scenes[{k}]") for k, entry in enumerate(manifest["scenes"]))
     _check_arrays(arrays, scenes, manifest, one_line(str(npz)))
     return Dataset(scenes, **{name: arrays.get(name) for name in _DTYPES}, manifest=manifest)  # type: ignore[arg-type]
 
 
-def _files(path: str | os.PathLike[str]) -> tuple[Path, Path]:
-    """Return the two files of a data set."""
+def check_path(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    """Return the two files of a data set, NAME.npz and NAME.json; ValueError in one line for another path."""
     if not isinstance(path, str | os.PathLike) or "\0" in str(path) or Path(path).suffix not in (".npz", ".json"):
         raise ValueError(f"path: expected the path of a data set, NAME.npz, got {show(path)}")
     return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
@@ -207,19 +209,44 @@ def _read_manifest(file: Path) -> dict[str, Any]:
         raise ValueError(f"{name}: schema: expected {SCHEMA!r}, the manifest of a data set")
     if manifest.get("version") != VERSION:
         raise ValueError(f"{name}: version: expected {VERSION}, got {show(manifest.get('version'))}")
+    for field, is_right, what in _FIELDS:
+        if field not in manifest or not is_right(manifest[field]):
+            raise ValueError(f"{name}: {field}: expected {what}, got {show(manifest.get(field))}")
     rest = {key: value for key, value in manifest.items() if key != "sha256"}
     if _text(_with_sum(rest)) != content:
         raise ValueError(f"{name}: expected the bytes that its sum tells of, but they were changed")
-    missing = [key for key in (*REQUIRED, "scenes", "arrays", "npz") if key not in manifest]
-    if missing:
-        raise ValueError(f"{name}: expected the field {missing[0]}, but it is missing")
     return manifest
+
+
+def _is_array_description(value: object) -> bool:
+    is_object = isinstance(value, dict) and isinstance(value.get("shape"), list)
+    return is_object and all(type(side) is int and 0 <= side < 2**40 for side in value["shape"])  # type: ignore[index]
+
+
+def _is_entry(value: object) -> bool:
+    return isinstance(value, dict) and isinstance(value.get("scene"), str | dict) and "sha256" in value
+
+
+_FIELDS: Final[tuple[tuple[str, Callable[[Any], bool], str], ...]] = (
+    ("form", lambda value: value in ("fresh", "exact"), "fresh or exact"),
+    ("fps", lambda value: type(value) is int and 0 < value <= MAX_STEPS, "a positive whole number"),
+    ("scenes", lambda value: isinstance(value, list) and all(map(_is_entry, value)), "a list of scenes"),
+    (
+        "arrays",
+        lambda value: (
+            isinstance(value, dict) and set(value) <= set(_DTYPES) and all(map(_is_array_description, value.values()))
+        ),
+        "a description of each array",
+    ),
+    ("npz", lambda value: isinstance(value, dict) and type(value.get("bytes")) is int, "size and sum of the arrays"),
+    *((key, lambda _: True, "this field") for key in REQUIRED),
+)
 
 
 def _unpacked(manifest: Mapping[str, Any]) -> int:
     """Return the bytes of all arrays, from their descriptions."""
-    described = manifest["arrays"].values()
-    return int(sum(np.prod(array["shape"], dtype=float) * np.dtype(array["dtype"]).itemsize for array in described))
+    described = manifest["arrays"].items()
+    return int(sum(math.prod(array["shape"]) * np.dtype(_DTYPES[name][-1]).itemsize for name, array in described))
 
 
 def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
@@ -255,6 +282,8 @@ def _check_arrays(
         raise ValueError(f"{source}: steps: expected the shape of times, {arrays['times'].shape}")
     if count and not 0 <= arrays["game"].min() <= arrays["game"].max() < len(scenes):
         raise ValueError(f"{source}: game: expected indices into {len(scenes)} scenes")
+    if count and arrays["steps"].min(initial=NEVER) < NEVER:
+        raise ValueError(f"{source}: steps: expected steps from 0 on, or -1 for never, got {arrays['steps'].min()}")
 
 
 def _differs(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:

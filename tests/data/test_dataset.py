@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax.data import Dataset, load_dataset, save_dataset
-from iphyre_jax.data.dataset import SCHEMA, VERSION, scene_entry
+from iphyre_jax.data.dataset import SCHEMA, VERSION, _text, _with_sum, scene_entry
 from iphyre_jax.scenes import load_scene, vary
 
 HOLE = load_scene("hole")
@@ -88,6 +88,38 @@ def test_a_changed_number_with_a_mended_sum_of_the_file_is_refused(tmp_path: Pat
     (tmp_path / "one.json").write_text(json.dumps(manifest, indent=1))
     with pytest.raises(ValueError, match=r"one\.json: expected the bytes that its sum tells of"):
         load_dataset(tmp_path / "one.npz")
+
+
+HOSTILE = {
+    "schema": ({"schema": "other"}, "schema: expected 'iphyre_jax/dataset'"),
+    "version": ({"version": 2}, "version: expected 1, got 2"),
+    "fps": ({"fps": "60"}, "fps: expected a positive whole number"),
+    "form": ({"form": 3}, "form: expected fresh or exact"),
+    "scenes": ({"scenes": [3]}, "scenes: expected a list of scenes"),
+    "entry": ({"scenes": [{"scene": ["hole"], "sha256": ""}]}, "scenes: expected a list of scenes"),
+    "arrays": ({"arrays": {"game": {"shape": [2**60]}}}, "arrays: expected a description of each array"),
+    "unknown": ({"arrays": {"code": {"shape": [1]}}}, "arrays: expected a description of each array"),
+    "huge": ({"arrays": {"poses": {"shape": [2**39, 150, 3]}}}, "path: expected a call of at most"),
+    "npz": ({"npz": 3}, "npz: expected size and sum"),
+    "size": ({"npz": {"bytes": 3, "sha256": ""}}, "one.npz: expected 3 bytes, got"),
+    "other scene": (
+        {"scenes": [scene_entry(HOLE), scene_entry(HOLE) | {"sha256": "0"}]},
+        r"scenes\[1\]: sha256: expected 0",
+    ),
+    "missing": ({"rule": None}, "expected the bytes|rule: expected this field"),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_wrong_manifest_with_a_right_sum_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
+    save_dataset(made(), tmp_path / "one.npz")
+    changes, message = HOSTILE[case]
+    manifest = {**json.loads((tmp_path / "one.json").read_text()), **changes}
+    manifest = {key: value for key, value in manifest.items() if value is not None and key != "sha256"}
+    (tmp_path / "one.json").write_bytes(_text(_with_sum(manifest)))
+    with pytest.raises(ValueError, match=message) as caught:
+        load_dataset(tmp_path / "one.npz")
+    assert "\n" not in str(caught.value)
 
 
 WRONG = {

@@ -3,6 +3,7 @@
     python tests/robustness/datasets.py                  counts of all forty games, time, and labels played again
     python tests/robustness/datasets.py --reference      the exact form against pymunk, game by game
     python tests/robustness/datasets.py --sets           the named sets, a fiftieth of each: labels, no shared play
+    python tests/robustness/datasets.py --kill           killed at any moment, it goes on to the same bits
 
 Exits with 1 if anything differs. It writes build/datasets-*.json.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import random
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -26,6 +28,7 @@ from iphyre_jax.files import replace_json
 from iphyre_jax.plans import official_clock, plan_to_steps
 from iphyre_jax.provenance import provenance
 from parity.engines.reference import ReferenceWorld, schedule
+from tests.robustness.record import record
 
 BUILD = Path(__file__).parents[2] / "build"
 FPS = 60
@@ -90,6 +93,10 @@ def reference_loop(scene: Scene, wanted: int) -> tuple[int, list[tuple[int, bool
     raise AssertionError
 
 
+def say(text: str) -> None:
+    print(text, flush=True)
+
+
 def rows_of(dataset: Dataset) -> list[tuple[int, bool, int, int]]:
     columns = (dataset.draw, dataset.success, dataset.end_step, dataset.removals)
     return list(zip(*(column.tolist() for column in columns), strict=True))
@@ -101,7 +108,7 @@ def check_counts(games: Sequence[str]) -> list[str]:
     measured = {}
     for number in ("first", "second"):
         begin, before = time.monotonic(), processor_seconds()
-        dataset = collect(games)
+        dataset = collect(games, report=say)
         measured[number] = {"seconds": time.monotonic() - begin, "processor": processor_seconds() - before}
     for entry in dataset.manifest["scenes"]:
         game = entry["scene"]
@@ -148,6 +155,39 @@ def check_sets() -> list[str]:
     return problems
 
 
+def check_kills(kills: int) -> list[str]:
+    """Kill the command at random moments, until so many collections were killed once or more and ended."""
+    rng, problems, killed, ended = np.random.default_rng(0), [], 0, 0
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        options = ["collect", "hole", "support", "--successes", "1500", "--failures", "1500", "--sequences"]
+        command = [sys.executable, "-m", "iphyre_jax", *options, "--out"]
+        seconds = -time.monotonic()
+        subprocess.run([*command, str(folder / "whole.npz")], check=True, stdout=subprocess.DEVNULL)
+        seconds += time.monotonic()
+        whole = (folder / "whole.npz").read_bytes()
+        while killed < kills:
+            process = subprocess.Popen([*command, str(folder / "killed.npz")], stdout=subprocess.DEVNULL)
+            try:
+                process.wait(rng.uniform(0.1, 1.1) * seconds)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                killed += 1
+                continue
+            ended += 1
+            if process.returncode or (folder / "killed.npz").read_bytes() != whole:
+                problems.append(f"collection {ended}: exit code {process.returncode}, or other bytes")
+            for file in folder.glob("killed.*"):
+                file.unlink()
+    survived = killed if ended and not problems else 0
+    record(
+        "collect-kill", "a killed collection goes on to the same bits", killed, survived, 0, time.monotonic() - begin
+    )
+    return problems if ended else ["no collection ended"]
+
+
 def processor_seconds() -> float:
     """Of this process and of its children that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
@@ -163,11 +203,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--reference", action="store_true", help="compare the exact form with pymunk")
     parser.add_argument("--sets", action="store_true", help="check the named sets")
+    parser.add_argument("--kill", action="store_true", help="kill the command again and again")
+    parser.add_argument("--kills", type=int, default=10, help="how often for --kill")
     parser.add_argument("--games", nargs="+", default=list(GAMES), help="only these games")
     parser.add_argument("--wanted", type=int, default=50, help="plays of each kind for --reference")
     options = parser.parse_args()
     if options.reference:
         problems = check_reference(options.games, options.wanted)
+    elif options.kill:
+        problems = check_kills(options.kills)
     else:
         problems = check_sets() if options.sets else check_counts(options.games)
     for problem in problems:

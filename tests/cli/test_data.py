@@ -1,0 +1,70 @@
+"""`iphyre-jax collect`: makes, verifies and converts data sets; one line for every mistake."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iphyre_jax.cli.main import run
+from iphyre_jax.data import load_dataset, save_dataset
+
+SMALL = ["collect", "hole", "--successes", "3", "--failures", "4"]
+
+
+def test_a_data_set_is_made_verified_and_converted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = tmp_path / "first.npz"
+    assert run([*SMALL, "--out", str(first), "--official", str(tmp_path / "lists")]) == 0
+    assert f"{first}: 7 plays of 1 scenes, 3 solved, 60 fps" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.json", "first.npz", "lists"]
+    assert run(["collect", "--verify", str(first)]) == 0
+    assert "7 plays, all reproduced" in capsys.readouterr().out
+    assert run(["collect", "--source", str(tmp_path / "lists"), "--out", str(tmp_path / "again.npz")]) == 0
+    again = load_dataset(tmp_path / "again.npz")
+    assert sorted(again.end_step.tolist()) == sorted(load_dataset(first).end_step.tolist())
+
+
+def test_a_wrong_label_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*SMALL, "--out", str(tmp_path / "first.npz")]) == 0
+    dataset = load_dataset(tmp_path / "first.npz")
+    save_dataset(type(dataset)(**{**vars(dataset), "success": ~dataset.success}), tmp_path / "first.npz")
+    capsys.readouterr()
+    assert run(["collect", "--verify", str(tmp_path / "first.npz")]) == 1
+    assert capsys.readouterr().out == "success: 7 of 7 plays differ (rows 0, 1, 2, 3, 4 ...)\n"
+
+
+def test_plans_of_a_pretrained_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--distribution", "policy", "--policy", "ppo-i", "--max-draws", "20", "--out", str(tmp_path / "p.npz")]
+    assert run([*SMALL, *options]) == 0
+    made = load_dataset(tmp_path / "p.npz")
+    assert len(made)
+    times = made.times[~np.isnan(made.times)]
+    np.testing.assert_allclose(times, np.rint(times * 10) / 10, atol=1e-6)
+    if made.manifest["scenes"][0]["iterations"] is None:
+        assert "hole: only " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["collect", "hole"], "out: expected the file to write, --out NAME.npz"),
+        ([*SMALL, "--out", "a.npz", "--distribution", "policy"], "policy: expected one for --distribution policy"),
+        (["collect", "nothing", "--out", "a.npz"], "scene: expected the name of a game"),
+        (["collect", "hole", "--out", "a.npz", "--fps", "0"], "fps: expected a positive whole number"),
+        (["collect", "--verify", "missing.npz"], "missing.json"),
+        (["collect", "--source", "missing.json", "--out", "a.npz"], "missing.json"),
+        ([*SMALL, "--out", "a.txt"], "path: expected the path of a data set"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
+    assert not list(tmp_path.iterdir())
