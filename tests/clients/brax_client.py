@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -64,5 +65,5 @@ def train(run: str) -> bool:
 
 if __name__ == "__main__":
     register_gymnax()
-    results = [train(run) for run in RUNS]  # all of them, also after a failure
+    results = [train(run) for run in sys.argv[1:] or RUNS]  # all of them, also after a failure
     leave(all(results))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import gymnax
@@ -13,7 +14,7 @@ from score import Score, leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
-FLY, PLANS = (f"iphyre-five/{name}-v1" for name in ("on-the-fly-hole", "in-advance-support"))
+FLY, PLANS = (f"iphyre-five/{name}-v1" for name in ("on-the-fly-spring", "in-advance-support"))
 SMALL = {"activation": "relu", "hidden_layer_sizes": (64, 64)}
 RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "ppo": (
@@ -43,9 +44,11 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "dqn": (
         FLY,
         {
-            "total_timesteps": 60_000,
-            "eval_freq": 30_000,
+            "total_timesteps": 40_000,
+            "eval_freq": 20_000,
             "num_envs": 16,
+            "num_epochs": 4,
+            "gamma": 0.999,
             "learning_rate": 5e-4,
             "fill_buffer": 2000,
             "exploration_fraction": 0.5,
@@ -69,5 +72,5 @@ def train(run: str) -> bool:
 
 if __name__ == "__main__":
     register_gymnax()
-    results = [train(run) for run in RUNS]  # all of them, also after a failure
+    results = [train(run) for run in sys.argv[1:] or RUNS]  # all of them, also after a failure
     leave(all(results))
