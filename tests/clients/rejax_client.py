@@ -14,7 +14,7 @@ from score import Score, leave, now, record
 
 from iphyre_jax.adapters import register_gymnax
 
-FLY, PLANS = (f"iphyre-five/{name}-v1" for name in ("on-the-fly-spring", "in-advance-support"))
+FLY, PLANS = (f"iphyre-five/{name}-v1" for name in ("on-the-fly-hole", "in-advance-support"))
 SMALL = {"activation": "relu", "hidden_layer_sizes": (64, 64)}
 RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "ppo": (
@@ -44,14 +44,18 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "dqn": (
         FLY,
         {
-            "total_timesteps": 40_000,
-            "eval_freq": 20_000,
-            "num_envs": 16,
-            "num_epochs": 4,
+            "total_timesteps": 128_000,
+            "eval_freq": 64_000,
+            "num_envs": 64,
+            "num_epochs": 8,
+            "batch_size": 256,
+            "buffer_size": 65_536,
+            "fill_buffer": 2048,
             "gamma": 0.999,
-            "learning_rate": 5e-4,
-            "fill_buffer": 2000,
-            "exploration_fraction": 0.5,
+            "learning_rate": 1e-3,
+            "exploration_fraction": 0.4,
+            "target_update_freq": 64,
+            "polyak": 0.92,
             "normalize_rewards": True,
         },
     ),
