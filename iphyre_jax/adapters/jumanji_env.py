@@ -65,7 +65,8 @@ class JumanjiEnv(JumanjiEnvironment[JumanjiState, specs.Array, jax.Array]):
         terminated, truncated = gymnasium_flags(self.env, *official)
         step_type = jnp.where(terminated | truncated, StepType.LAST, StepType.MID)
         discount = 1.0 - terminated.astype(jnp.float32)
-        return JumanjiState(state.key, after), TimeStep(step_type, reward, discount, obs, info)
+        moment = TimeStep(step_type=step_type, reward=reward, discount=discount, observation=obs, extras=info)
+        return JumanjiState(state.key, after), moment
 
     @cached_property
     def observation_spec(self) -> specs.Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -19,23 +20,23 @@ EVALUATED = 512  # episodes
 RUNS: dict[str, Callable[..., Any]] = {
     "ppo": partial(
         ppo.train,
-        num_timesteps=200_000,
+        num_timesteps=51_200,
         num_envs=256,
         batch_size=128,
         num_minibatches=8,
         unroll_length=1,
-        num_updates_per_batch=8,
+        num_updates_per_batch=4,
         learning_rate=1e-3,
         normalize_observations=True,
     ),
     "sac": partial(
         sac.train,
-        num_timesteps=20_000,
-        num_envs=32,
+        num_timesteps=8_192,
+        num_envs=16,
         batch_size=256,
-        min_replay_size=1024,
-        max_replay_size=65_536,
-        grad_updates_per_step=8,
+        min_replay_size=512,
+        max_replay_size=16_384,
+        grad_updates_per_step=4,
         learning_rate=1e-3,
     ),
 }
@@ -64,5 +65,5 @@ def train(run: str) -> bool:
 
 if __name__ == "__main__":
     register_gymnax()
-    results = [train(run) for run in RUNS]  # all of them, also after a failure
+    results = [train(run) for run in sys.argv[1:] or RUNS]  # all of them, also after a failure
     leave(all(results))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import gymnax
@@ -43,12 +44,18 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
     "dqn": (
         FLY,
         {
-            "total_timesteps": 60_000,
-            "eval_freq": 30_000,
-            "num_envs": 16,
-            "learning_rate": 5e-4,
-            "fill_buffer": 2000,
-            "exploration_fraction": 0.5,
+            "total_timesteps": 128_000,
+            "eval_freq": 64_000,
+            "num_envs": 64,
+            "num_epochs": 8,
+            "batch_size": 256,
+            "buffer_size": 65_536,
+            "fill_buffer": 2048,
+            "gamma": 0.999,
+            "learning_rate": 1e-3,
+            "exploration_fraction": 0.4,
+            "target_update_freq": 64,
+            "polyak": 0.92,
             "normalize_rewards": True,
         },
     ),
@@ -69,5 +76,5 @@ def train(run: str) -> bool:
 
 if __name__ == "__main__":
     register_gymnax()
-    results = [train(run) for run in RUNS]  # all of them, also after a failure
+    results = [train(run) for run in sys.argv[1:] or RUNS]  # all of them, also after a failure
     leave(all(results))
