@@ -6,13 +6,14 @@ WHEEL_VENV := build/wheel-venv
 OFFICIAL_VENV := build/official-venv
 ADAPTERS_VENV := build/adapters-venv
 BROWSER_VENV := build/browser-venv
+MINARI_VENV := build/minari-venv
 DOCS_VENV := build/docs-venv
 DOCS_PY := $(DOCS_VENV)/bin/python
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners chromium test-browser lint parity parity-random golden \
+.PHONY: help venv run test test-fast test-environments fuzz test-adapters test-faults test-extremes soak test-server test-kill test-damage test-learners test-data test-minari chromium test-browser lint parity parity-random golden \
 	parity-official pictures wheel results results-paper results-offline docs docs-pictures bench clean
 
 help: ## list the targets
@@ -69,6 +70,14 @@ test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 
 test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
 	$(PY) tests/robustness/beats_random.py
+
+test-data: .venv/.stamp ## data sets: counts of all forty games, pymunk in the official order, labels of the named sets; an hour
+	$(FAULT_SCRIPT)/datasets.py && $(FAULT_SCRIPT)/datasets.py --sets && $(FAULT_SCRIPT)/datasets.py --reference
+
+test-minari: ## the tests of the Minari export, in an environment of its own
+	$(PYTHON) -m venv $(MINARI_VENV)
+	$(MINARI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[minari]' pytest hypothesis
+	$(MINARI_VENV)/bin/python -m pytest tests/data/test_minari_export.py
 
 test-extremes: .venv/.stamp ## scenes of extreme geometry at both rates, in both number types: finite or at fault, neighbours untouched
 	PYTHONPATH=. $(PY) tests/robustness/extreme_scenes.py

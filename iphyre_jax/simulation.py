@@ -27,10 +27,9 @@ from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.configuration import threads
 from iphyre_jax.execution.devices import LANES, Partition, check_same_call, partition_of
 from iphyre_jax.execution.forks import check_fork
-from iphyre_jax.execution.plan_batch import ATTEMPTS, PlanBatch, Settings
+from iphyre_jax.execution.plan_batch import PlanBatch, Settings
 from iphyre_jax.memory import check_memory
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import Scene, SceneLike, load_scene, scene_to_dict
 
@@ -222,10 +221,6 @@ def _simulate(
             raise ValueError(f"duration: expected at most {limit} steps for this scene, got {settings.steps}")
     _check_memory(scenes, [topology for topology, _ in worlds], plan, settings)
     batch = PlanBatch(scenes, worlds, which, plan, settings, partition)
-    left = np.arange(len(plan))
-    for attempt in range(ATTEMPTS):
-        if left.size:
-            batch.run(left, attempt)
-            left = left[batch.fault[left] == FAULT_OVERFLOW]
+    batch.play()
     reward = episode_reward(batch.success, batch.eliminations, batch.steps, settings.fps)
     return Simulation(batch.success, batch.steps, batch.eliminations, reward, batch.fault, batch.samples)

@@ -48,7 +48,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "models", "cli"}
-ADAPTED = {"gymnasium", "brax", "gymnax"}
+ADAPTED = {"gymnasium", "brax", "gymnax", "minari"}
 
 
 def modules() -> list[tuple[str, Path]]:

@@ -110,15 +110,26 @@ class Objects:
         return [[place[i], place[j]] for i, j in pairs if i in place and j in place] if pairs else None
 
     def _hit(self, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:
-        """Return the first block that a click removes: it is eliminable, and within its ends and 10 px of its axis."""
-        for block in self.scene.eliminable_blocks:
-            first, last = self.scene.blocks[block]
-            axis = (first - last) / np.linalg.norm(first - last)
-            away = np.array([x, y]) - self._started.features.position[block]
-            along, across = away @ axis, away[0] * axis[1] - away[1] * axis[0]
-            if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
-                return block
-        return None
+        return block_at(self.scene, x, y, alive)
+
+
+def block_at(scene: Scene, x: float, y: float, alive: npt.NDArray[np.bool_]) -> int | None:
+    """Return the first block that a click removes: it is eliminable, and within its ends and 10 px of its axis.
+
+    Args:
+        scene: the scene.
+        x: px, of the click.
+        y: px.
+        alive: whether each object is left.
+    """
+    for block in scene.eliminable_blocks:
+        first, last = scene.blocks[block]
+        axis = (first - last) / np.linalg.norm(first - last)
+        away = np.array([x, y]) - (first + last) / 2
+        along, across = away @ axis, away[0] * axis[1] - away[1] * axis[0]
+        if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
+            return block
+    return None
 
 
 def position_of(pos: object) -> tuple[float, float]:

@@ -1,65 +1,74 @@
-"""`collect`: draw plans and play them, until each game has enough that solve it and enough that do not."""
+"""`collect`: data sets of random plans, as the official loop makes them, and of other plans."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import islice
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import MAX_SEED, check_option, check_whole, show, whole_fps
+from iphyre_jax.checks import check_flag, check_option, check_whole, show, whole_fps
 from iphyre_jax.data.dataset import MAX_STEPS, SCHEMA, VERSION, Dataset, scene_entry
-from iphyre_jax.data.draws import Plan, random_plans
-from iphyre_jax.data.labels import DTYPE, FRESH, Outcomes, frames, label_plans
+from iphyre_jax.data.draws import Plan, neighbours, random_plans
+from iphyre_jax.data.journal import Journal, Report, journal_in
+from iphyre_jax.data.labels import DTYPE, FIRST_RESET, FRESH, Ints, frames, play_poses
+from iphyre_jax.data.search import Search, kept_rows, run_searches
+from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.provenance import provenance
-from iphyre_jax.rules import TIME_LIMIT
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, TIME_LIMIT
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.library import SceneLike, load_scenes
 
-DISTRIBUTIONS: Final = ("official", "uniform15")
+DISTRIBUTIONS: Final = ("official", "uniform15", "policy", "mixed")
+FORMS: Final = ("fresh", "exact")
+POSE_DTYPES: Final = ("float32", "float64")
+SPLIT: Final = "train"
 MOST_FPS: Final = int(MAX_STEPS / TIME_LIMIT) - 1  # a step's number is an int16
 MOST_OF_A_KIND: Final = 100_000
-MOST_DRAWS: Final = 100_000  # of a game; some games are solved by one plan in a thousand
-FIRST_ROUND: Final = 2.6  # draws of a game for each play wanted
+MAX_DRAWS: Final = 20_000  # of a game, by default; seesaw_angle is solved by one plan in a thousand
+MOST_DRAWS: Final = 1_000_000
+_BYTES_OF_DRAW: Final = 600  # of a plan, its label and its key, in lists and sets
+
+PlanPolicy = Callable[[Scene, int], Iterator[Plan]]
+"""Of a scene and a seed: plans without end, s for each slot, NaN for a block that stays."""
 
 
-@dataclass
-class _Search:
-    """The draws of one scene so far."""
+@dataclass(frozen=True)
+class Recipe:
+    """How a data set is made; the keyword arguments of `collect`."""
 
-    plans: Iterator[Plan]
-    wanted: tuple[int, int]  # successes, failures
-    most: int
-    times: list[Plan] = field(default_factory=list)
-    played: list[Outcomes] = field(default_factory=list)
-    exhausted: bool = False
+    distribution: str = "official"
+    form: str = "fresh"
+    fps: int = 60
+    seed: int = 0
+    max_draws: int = MAX_DRAWS
+    policy: PlanPolicy | None = None
+    sequences: bool = False
+    pose_dtype: str = "float32"
+    unique: bool = False
+    split: str = SPLIT
 
-    def outcome(self, name: str) -> npt.NDArray[Any]:
-        """Return a column of the outcomes of all draws."""
-        return np.concatenate([np.zeros(0, bool), *(getattr(part, name) for part in self.played)])
-
-    def rows(self, solved: bool) -> npt.NDArray[np.intp]:
-        """Return the draws of a kind that are kept: the first ones, as many as are wanted."""
-        success, fault = self.outcome("success"), self.outcome("fault")
-        return np.flatnonzero((success == solved) & (fault == 0))[: self.wanted[0 if solved else 1]]
-
-    def next_draws(self) -> list[Plan]:
-        """Draw as many plans as will probably do; none if there are enough of both kinds, or no more allowed."""
-        missing = [wanted - len(self.rows(solved)) for wanted, solved in zip(self.wanted, (True, False), strict=True)]
-        if max(missing) <= 0 or self.exhausted:
-            return []
-        made, solved = len(self.times), float(self.outcome("success").sum())
-        rate = (solved + 1) / (made + 4)
-        likely = max(missing[0] / rate, missing[1] / (1 - rate)) if made else FIRST_ROUND * max(missing)
-        count = min(int(1.1 * likely) + 8, 4 * made + 256, self.most - made)
-        drawn = list(islice(self.plans, count))
-        self.exhausted = len(drawn) < count or made + len(drawn) >= self.most
-        self.times += drawn
-        return drawn
+    def manifest(self) -> dict[str, Any]:
+        """Return the fields of a manifest that say how the plays were made."""
+        return {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "distribution": self.distribution,
+            "form": self.form,
+            "fps": self.fps,
+            "rule": "simulate",
+            "frames": frames(self.fps),
+            "resets": FRESH if self.form == "fresh" else f"draw + {FIRST_RESET}",
+            "dtype": DTYPE,
+            "seed": self.seed,
+            "max_draws": self.max_draws,
+            "unique": self.unique,
+            "split": self.split,
+        }
 
 
 def collect(
@@ -68,99 +77,208 @@ def collect(
     successes: int = 50,
     failures: int = 50,
     distribution: str = "official",
+    form: str = "fresh",
     fps: int = 60,
     seed: int = 0,
-    max_draws: int = MOST_DRAWS,
+    sequences: bool = False,
+    pose_dtype: str = "float32",
+    max_draws: int = MAX_DRAWS,
+    policy: PlanPolicy | None = None,
+    journal: str | os.PathLike[str] | None = None,
+    report: Report | None = None,
 ) -> Dataset:
-    """Draw plans of each game until enough solve it and enough do not, as the official loop does; play on all cores.
+    """Draw plans of each game until enough solve it and enough do not, and play them on all cores.
+
+    Plays are kept in the order of their draws, and the loop stops where the official one does: with the last play that
+    is missing. Labels are decided in float64. The result does not depend on the number of cores, nor on a kill.
 
     Args:
         games: names, scene files or Scenes.
         successes: plays of each game that solve it, 0 to 100,000.
         failures: plays that do not.
-        distribution: "official" (the plans of the official function) or "uniform15" (times up to 15 s).
-        fps: physics steps a second.
+        distribution: "official": the plans of the official function, times below 7 s. "uniform15": the same with times
+            below 15 s. "policy": plans of `policy`. "mixed": a half as "official", then neighbours of the successes
+            found there, one removal moved by 0.1 to 0.5 s. "policy" and "mixed" keep no play twice.
+        form: "fresh": each play in a fresh space. "exact": in the successive resets of one space, as the official loop
+            plays; the labels are then those of `iphyre_jax.compat.generate_actions`. One play in 250 ends otherwise.
+        fps: physics steps a second, a whole number up to 2,183; with sequences a multiple of 10.
         seed: of the draws, 0 to 2**32 - 1.
-        max_draws: of one game; it has fewer plays if they do not suffice.
+        sequences: whether to keep the poses of what moves, ten a second.
+        pose_dtype: "float32", or "float64" for tables that equal the official ones bit for bit.
+        max_draws: of one game, 1 to 1,000,000; it has fewer plays if they do not suffice, and the manifest says so.
+        policy: for "policy": of a scene and the seed, plans without end.
+        journal: a folder for what is done so far: after a kill the same call goes on there. It is removed at the end.
+        report: called with a line of progress after each round.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
-        OSError: a scene file cannot be read.
+        OSError: a scene file cannot be read, or the journal not written.
     """
     scenes = load_scenes(games)
-    rate = _check(successes, failures, distribution, fps, seed, max_draws)
-    searches = [_Search(random_plans(scene, distribution, seed), (successes, failures), max_draws) for scene in scenes]
-    while any(drawn := [search.next_draws() for search in searches]):
-        _play(scenes, searches, drawn, rate)
-    settings = {"distribution": distribution, "form": "fresh", "fps": rate, "rule": "simulate", "frames": frames(rate)}
-    settings |= {"resets": FRESH, "dtype": DTYPE, "seed": seed, "split": "train"}
-    return _dataset(scenes, searches, settings)
+    unique = distribution in ("policy", "mixed")
+    recipe = Recipe(distribution, form, fps, seed, max_draws, policy, sequences, pose_dtype, unique)
+    recipe = check_recipe(recipe, scenes, successes, failures)
+    with journal_in(journal, report) as opened:
+        return gather(scenes, [(successes, failures)] * len(scenes), recipe, opened)
 
 
-def _check(successes: int, failures: int, distribution: str, fps: int, seed: int, max_draws: int) -> int:
+def check_recipe(recipe: Recipe, scenes: Sequence[Scene], successes: int, failures: int) -> Recipe:
+    """Return a recipe with a whole fps; ValueError in one line before anything is drawn."""
     check_whole("successes", successes, 0, MOST_OF_A_KIND)
     check_whole("failures", failures, 0, MOST_OF_A_KIND)
-    check_option("distribution", distribution, DISTRIBUTIONS)
-    check_whole("seed", seed, 0, min(2**32 - 1, MAX_SEED))
-    check_whole("max_draws", max_draws, 1, 10 * MOST_DRAWS)
-    if (rate := whole_fps(fps)) > MOST_FPS:
-        raise ValueError(f"fps: expected at most {MOST_FPS} physics steps a second, got {show(fps)}")
-    return rate
+    check_option("distribution", recipe.distribution, DISTRIBUTIONS)
+    check_option("form", recipe.form, FORMS)
+    check_option("pose_dtype", recipe.pose_dtype, POSE_DTYPES)
+    check_flag("sequences", recipe.sequences)
+    check_whole("seed", recipe.seed, 0, 2**32 - 1)
+    check_whole("max_draws", recipe.max_draws, 1, MOST_DRAWS)
+    rate = whole_fps(recipe.fps)
+    if rate > MOST_FPS or (recipe.sequences and rate % DECISIONS_PER_SECOND):
+        wanted = f"at most {MOST_FPS}, with sequences a multiple of {DECISIONS_PER_SECOND}"
+        raise ValueError(f"fps: expected {wanted}, got {show(recipe.fps)}")
+    if (recipe.distribution == "policy") != callable(recipe.policy):
+        raise ValueError(f"policy: expected a function for the distribution policy only, got {show(recipe.policy)}")
+    if recipe.form == "exact" and recipe.unique:
+        raise ValueError(f"form: expected fresh for the distribution {recipe.distribution}, got exact")
+    draws = min(recipe.max_draws, 1000 * (successes + failures))
+    check_memory("max_draws", len(scenes) * draws * _BYTES_OF_DRAW, "collect fewer games at a time")
+    if recipe.sequences:
+        size = pose_bytes(scenes, len(scenes) * (successes + failures), recipe.pose_dtype)
+        check_memory("sequences", 2 * size, "collect fewer plays at a time")
+    return Recipe(**{**vars(recipe), "fps": rate})
 
 
-def _play(scenes: Sequence[Scene], searches: list[_Search], drawn: list[list[Plan]], fps: int) -> None:
-    """Play one round of draws, of all scenes together."""
-    counts = [len(plans) for plans in drawn]
-    game = np.repeat(np.arange(len(scenes)), counts)
-    times = np.array([plan for plans in drawn for plan in plans])
-    played = label_plans(scenes, game, plan_to_steps(times, fps, "simulate"), fps)
-    for index, search in enumerate(searches):
-        own = game == index
-        if own.any():
-            search.played.append(Outcomes(*(column[own] for column in vars(played).values())))
+def pose_bytes(scenes: Sequence[Scene], plays: int, dtype: str) -> int:
+    """Return the bytes of the poses of so many plays."""
+    movers = max(int(scene.dynamic.sum()) for scene in scenes)
+    return plays * FRAMES * movers * 3 * (np.dtype(dtype).itemsize + 8)
 
 
-def _dataset(scenes: Sequence[Scene], searches: list[_Search], settings: dict[str, Any]) -> Dataset:
-    """Cut each search where the official loop stops."""
-    slots = scenes[0].limits.blocks
-    kept = [np.sort(np.concatenate([search.rows(True), search.rows(False)])) for search in searches]
-    parts = list(zip(searches, kept, strict=True))
-    times = np.concatenate([np.zeros((0, slots)), *(np.array(s.times).reshape(-1, slots)[rows] for s, rows in parts)])
-    entries = [_entry(scene, search) for scene, search in zip(scenes, searches, strict=True)]
+def gather(
+    scenes: Sequence[Scene],
+    wanted: Sequence[tuple[int, int]],
+    recipe: Recipe,
+    journal: Journal,
+    *,
+    starts: Sequence[int] | None = None,
+    known: Sequence[set[bytes]] | None = None,
+) -> Dataset:
+    """Make a data set by a checked recipe.
+
+    Args:
+        scenes: of the set.
+        wanted: plays of each scene that solve it, and that do not.
+        recipe: how.
+        journal: keeps what is done.
+        starts: draws of each scene to leave out at the start.
+        known: for a unique set, plays of each scene to leave out, as `play_keys` gives them.
+    """
+    begin = starts or [0] * len(scenes)
+    left_out: list[set[bytes] | None] = [None] * len(scenes)
+    if recipe.unique:
+        left_out = [set(plays) for plays in known or [set()] * len(scenes)]
+    is_mixed = recipe.distribution == "mixed"
+    share = [(-(-s // 2), -(-f // 2)) if is_mixed else (s, f) for s, f in wanted]
+    searches = [
+        Search(_plans(scene, recipe, first), count, recipe.max_draws, first, plays)
+        for scene, count, first, plays in zip(scenes, share, begin, left_out, strict=True)
+    ]
+    run_searches(scenes, searches, recipe.fps, recipe.form == "exact", journal)
+    found = [[search] for search in searches]
+    if is_mixed:
+        more = [_neighbour_search(search, all_of, recipe) for search, all_of in zip(searches, wanted, strict=True)]
+        run_searches(scenes, more, recipe.fps, False, journal)
+        found = [[first, second] for first, second in zip(searches, more, strict=True)]
+    return dataset_of(scenes, found, recipe, journal)
+
+
+def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
+    """Return the plans of a recipe for a scene, without the first ones."""
+    if recipe.policy is not None:
+        plans = recipe.policy(scene, recipe.seed)
+    else:
+        drawn = "official" if recipe.distribution == "mixed" else recipe.distribution
+        plans = random_plans(scene, drawn, recipe.seed)
+    for _ in range(start):
+        next(plans, None)
+    return plans
+
+
+def _neighbour_search(search: Search, wanted: tuple[int, int], recipe: Recipe) -> Search:
+    """Return the second half of a mixed set."""
+    bases = [search.times[row] for row in search.rows(True)]
+    rest = (wanted[0] - search.wanted[0], wanted[1] - search.wanted[1])
+    return Search(neighbours(bases, recipe.seed), rest, recipe.max_draws, search.draws(), search.known)
+
+
+def dataset_of(scenes: Sequence[Scene], found: Sequence[Sequence[Search]], recipe: Recipe, journal: Journal) -> Dataset:
+    """Join the kept plays of the searches of each scene."""
+    kept = [kept_rows(search) for of_scene in found for search in of_scene]
+    counts = [sum(len(kept_rows(search)["draw"]) for search in of_scene) for of_scene in found]
+    times = np.concatenate(
+        [np.zeros((0, scenes[0].limits.blocks)), *(rows["times"] for rows in kept if len(rows["draw"]))]
+    )
+    columns = {name: np.concatenate([rows[name] for rows in kept]) for name in kept[0] if name != "times"}
+    game = np.repeat(np.arange(len(scenes), dtype=np.int32), counts)
+    entries = [_entry(scene, of_scene) for scene, of_scene in zip(scenes, found, strict=True)]
+    return build(scenes, game, times, columns, recipe, journal, {"scenes": entries})
+
+
+def build(
+    scenes: Sequence[Scene],
+    game: Ints,
+    times: npt.NDArray[np.float64],
+    columns: Mapping[str, npt.NDArray[Any]],
+    recipe: Recipe,
+    journal: Journal,
+    manifest: Mapping[str, Any],
+    played: Ints | None = None,
+) -> Dataset:
+    """Return a data set of labelled plans, with poses if the recipe has them.
+
+    Args:
+        scenes: of the set.
+        game: (N,) index of each play's scene.
+        times: (N, S) s, as drawn: 0 or NaN for a block that stays.
+        columns: success, end_step, removals and draw, (N,).
+        recipe: how they were made.
+        journal: keeps the poses.
+        manifest: fields to add: `scenes`, and others.
+        played: (N, S) the steps of the plans; by default those of the times.
+    """
+    steps = plan_to_steps(times, recipe.fps, "simulate") if played is None else played
+    poses = None
+    if recipe.sequences:
+        journal.report(f"playing {len(game)} sequences")
+        resets = None if recipe.form == "fresh" else columns["draw"] + FIRST_RESET
+        poses = play_poses(scenes, game, steps, recipe.fps, resets, journal).astype(recipe.pose_dtype)
     return Dataset(
         scenes=tuple(scenes),
-        game=np.repeat(np.arange(len(scenes), dtype=np.int32), [len(rows) for rows in kept]),
+        game=game.astype(np.int32),
         times=np.where(times == 0, np.nan, times).astype(np.float32),
-        steps=plan_to_steps(times, settings["fps"], "simulate").astype(np.int16),
-        success=np.concatenate([s.outcome("success")[rows] for s, rows in parts]),
-        end_step=np.concatenate([s.outcome("end_step")[rows] for s, rows in parts]).astype(np.int16),
-        removals=np.concatenate([s.outcome("removals")[rows] for s, rows in parts]).astype(np.int8),
-        draw=np.concatenate(kept).astype(np.int32),
-        poses=None,
-        manifest={
-            "schema": SCHEMA,
-            "version": VERSION,
-            **settings,
-            "scenes": entries,
-            "provenance": provenance(),
-        },
+        steps=steps.astype(np.int16),
+        success=columns["success"],
+        end_step=columns["end_step"].astype(np.int16),
+        removals=columns["removals"].astype(np.int8),
+        draw=columns["draw"].astype(np.int32),
+        poses=poses,
+        manifest={**recipe.manifest(), **manifest, "provenance": provenance()},
     )
 
 
-def _entry(scene: Scene, search: _Search) -> dict[str, Any]:
+def _entry(scene: Scene, searches: Sequence[Search]) -> dict[str, Any]:
     """Return what a manifest says of a scene; `iterations` is where the official loop stops, null if it goes on."""
-    rows = [search.rows(solved) for solved in (True, False)]
-    complete = all(len(found) == wanted for found, wanted in zip(rows, search.wanted, strict=True))
-    waits = [int(found[-1]) + 1 if len(found) else 0 for found in rows]
-    made = max(waits) if complete else len(search.times)
+    complete = not any(any(search.missing()) for search in searches)
+    parts = [(search, search.labels.take(np.arange(search.draws()))) for search in searches]
     return {
         **scene_entry(scene),
-        "iterations": made if complete else None,
-        "draws": made,
-        "solved": int(search.outcome("success")[:made].sum()),
-        "faults": int((search.outcome("fault")[:made] != 0).sum()),
-        "successes": len(rows[0]),
-        "failures": len(rows[1]),
-        "wait_successes": waits[0],
-        "wait_failures": waits[1],
+        "iterations": sum(search.draws() for search in searches) if complete else None,
+        "first_draw": searches[0].first,
+        "draws": sum(search.draws() for search in searches),
+        "solved": sum(int(labels.success.sum()) for _, labels in parts),
+        "faults": sum(int((labels.fault != 0).sum()) for _, labels in parts),
+        "successes": sum(len(search.rows(True)) for search in searches),
+        "failures": sum(len(search.rows(False)) for search in searches),
+        "wait_successes": searches[0].waits()[0],
+        "wait_failures": searches[0].waits()[1],
     }

@@ -18,6 +18,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -109,6 +110,7 @@ class Dataset:
         return self.select(self.game == names.index(name))
 
 
+@lru_cache(4096)
 def scene_sum(scene: Scene) -> str:
     """Return the SHA-256 of a scene's contents, in hexadecimal digits."""
     return hashlib.sha256(json.dumps(scene_to_dict(scene), sort_keys=True).encode()).hexdigest()
@@ -183,8 +185,11 @@ def _describe(array: npt.NDArray[Any]) -> dict[str, Any]:
     return {"dtype": str(array.dtype), "shape": list(array.shape), "sha256": content}
 
 
-def _text(fields_: Mapping[str, Any]) -> bytes:
-    return (json.dumps(fields_, indent=1) + "\n").encode()
+def _text(content: Mapping[str, Any]) -> bytes:
+    """Return a manifest as text: a line for each field, and for each scene."""
+    scenes = ",\n  ".join(map(json.dumps, content["scenes"]))
+    written = {key: f"[\n  {scenes}\n ]" if key == "scenes" else json.dumps(value) for key, value in content.items()}
+    return ("{\n" + ",\n".join(f" {json.dumps(key)}: {value}" for key, value in written.items()) + "\n}\n").encode()
 
 
 def _with_sum(described: Mapping[str, Any]) -> dict[str, Any]:
@@ -220,7 +225,8 @@ def _unpacked(manifest: Mapping[str, Any]) -> int:
 def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
     """Return the scene of an entry; a game of the package must still be what it was."""
     given = entry["scene"]
-    scene = load_scene(given) if given in _PACKAGE_GAMES else scene_from_dict(given, source)
+    own = isinstance(given, str) and given in _PACKAGE_GAMES
+    scene = load_scene(given) if own else scene_from_dict(given, source)
     if (found := scene_sum(scene)) != entry["sha256"]:
         raise ValueError(f"{source}: sha256: expected {entry['sha256']}, but {scene.name} has {found}")
     return scene

@@ -16,6 +16,7 @@ from iphyre_jax.execution.prefixes import score_prefixes
 from iphyre_jax.execution.programs import Advance, Score, episode_layout, pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
@@ -68,6 +69,14 @@ class PlanBatch:
         if every is not None:
             objects = max((scene.n_objects for scene in self.scenes), default=0)
             self.samples = np.full((size, self.settings.steps // every + 1, objects, 3), np.nan, self.settings.dtype)
+
+    def play(self) -> None:
+        """Play all rows; what lacks contact slots is played again with more."""
+        left = np.arange(len(self.plan))
+        for attempt in range(ATTEMPTS):
+            if left.size:
+                self.run(left, attempt)
+                left = left[self.fault[left] == FAULT_OVERFLOW]
 
     def run(self, rows: Indices, attempt: int) -> None:
         """Play some rows. With several processes, each plays its own groups, and all gather the results."""

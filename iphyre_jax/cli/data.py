@@ -1,0 +1,204 @@
+"""`iphyre-jax collect`: make, verify and export data sets of plays. Needs the extra `train`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tyro
+from rich.console import Console
+
+from iphyre_jax.checks import show
+from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.main import INTERRUPTED
+from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
+from iphyre_jax.data.collection import MAX_DRAWS, PlanPolicy
+from iphyre_jax.data.draws import Plan
+from iphyre_jax.data.minari_export import export_minari
+from iphyre_jax.data.official_files import load_official, save_official
+from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
+from iphyre_jax.envs.in_advance import action_to_times
+from iphyre_jax.observations.official import start_observation
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
+from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.storage import pretrained, runs
+from iphyre_jax.viewer.plays import read_plays
+
+PLANS_AT_ONCE = 256  # of a policy
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Make a data set of plays: random plans of games, or a set that has a name, or plays of files. Or verify one.
+
+    A collection that is interrupted or killed goes on where it was when the same command is given again.
+    """
+
+    games: Annotated[
+        tyro.conf.Positional[tuple[str, ...]],
+        option("GAME ...", "Names of games, splits or scene files, or all.", "all forty games"),
+    ] = ()
+    out: Annotated[Path | None, option("FILE", "The file to write, NAME.npz; NAME.json goes beside it.", "")] = None
+    named: Annotated[
+        Literal["official", "test", "pairs", "basic-large", "variations", "graded"] | None,
+        option("NAME", "Make this named set, unless the cache folder has it.", "none"),
+    ] = None
+    source: Annotated[
+        Path | None,
+        option("PATH", "Take the plays of a data set, a folder of official files, or a file of plays.", "none"),
+    ] = None
+    verify: Annotated[Path | None, option("FILE", "Play this data set again and compare.", "none")] = None
+    official: Annotated[Path | None, option("FOLDER", "Write files of the official package too.", "none")] = None
+    minari: Annotated[str | None, option("ID", "Write a Minari data set too; needs the extra minari.", "none")] = None
+    successes: int = 50
+    """Plays of each game that solve it."""
+    failures: int = 50
+    """Plays of each game that do not."""
+    distribution: Literal["official", "uniform15", "policy", "mixed"] = "official"
+    """Plans as the official function draws them; the same up to 15 s; of a policy; half of them near successes."""
+    policy: Annotated[str | None, option("POLICY", "A pretrained policy or a run folder, planning in advance.", "")] = (
+        None
+    )
+    form: Literal["fresh", "exact"] = "fresh"
+    """Each play in a fresh space, or in the successive resets of one space, as the official loop does."""
+    fps: int = 60
+    """Physics steps a second."""
+    seed: int = 0
+    """Seed of the draws."""
+    max_draws: int = MAX_DRAWS
+    """Draws of one game at most."""
+    sequences: bool = False
+    """Keep the poses of what moves, ten a second."""
+    pose_dtype: Literal["float32", "float64"] = "float32"
+    """Number type of the poses."""
+
+
+def run(command: Collect, console: Console) -> int:
+    """Run the command and return the exit code; 1 if a data set is not what it says.
+
+    Raises:
+        ValueError, OSError: one line.
+    """
+    with interrupting() as signals:
+        try:
+            with console.status("starting") as status:
+                return _run(command, console, lambda text: status.update(text))
+        except KeyboardInterrupt:
+            if not signals:
+                raise
+    return exit_code(signals[0]) if signals else INTERRUPTED
+
+
+def _run(command: Collect, console: Console, report: Callable[[str], None]) -> int:
+    if command.verify is not None:
+        dataset = load_dataset(command.verify)
+        different = verify(dataset, report=report)
+        for line in different or [f"{command.verify}: {len(dataset)} plays, all reproduced"]:
+            say(console, line)
+        return 1 if different else 0
+    if command.out is None and command.named is None:
+        raise ValueError("out: expected the file to write, --out NAME.npz")
+    dataset = _make(command, report)
+    if command.out is not None:
+        save_dataset(dataset, command.out)
+    if command.official is not None:
+        save_official(dataset, command.official)
+    if command.minari is not None:
+        export_minari(dataset, command.minari)
+    _describe(dataset, command, console)
+    return 0
+
+
+def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
+    """Return the data set that the options ask for."""
+    if command.named is not None:
+        games = _games(command.games) if command.games else None
+        return named_set(command.named, fps=command.fps, sequences=command.sequences, games=games, report=report)
+    journal = None if command.out is None else command.out.with_suffix(".parts")
+    if command.source is not None:
+        return _load(command, journal, report)
+    if (command.policy is None) == (command.distribution == "policy"):
+        raise ValueError(f"policy: expected one for --distribution policy only, got {show(command.policy)}")
+    return collect(
+        _games(command.games) if command.games else list(GAMES),
+        successes=command.successes,
+        failures=command.failures,
+        distribution=command.distribution,
+        form=command.form,
+        fps=command.fps,
+        seed=command.seed,
+        sequences=command.sequences,
+        pose_dtype=command.pose_dtype,
+        max_draws=command.max_draws,
+        policy=None if command.policy is None else _policy(command.policy),
+        journal=journal,
+        report=report,
+    )
+
+
+def _games(words: tuple[str, ...]) -> list[str]:
+    """Return the games that words name: games, scene files, splits or all."""
+    lists = {**SPLITS, "all": GAMES}
+    return [game for word in words for game in lists.get(word, (word,))]
+
+
+def _load(command: Collect, journal: Path | None, report: Callable[[str], None]) -> Dataset:
+    """Return the plays of a source."""
+    source = command.source
+    if source is None or source.is_dir():
+        games = _games(command.games) if command.games else None
+        folder = source or Path()
+        return load_official(
+            folder, games=games, fps=command.fps, sequences=command.sequences, journal=journal, report=report
+        )
+    if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
+        return load_dataset(source)
+    if source.suffix == ".jsonl":
+        return dataset_from_plays(read_plays(source))
+    return dataset_from_plays([line.play for line in read_player_lines(source)])
+
+
+def _policy(name: str) -> PlanPolicy:
+    """Return the sampled plans of a pretrained policy or of a run, as `collect` takes them."""
+    if Path(name).is_dir():
+        config, run_state = runs.load(Path(name))
+        state = run_state.learner
+    else:
+        loaded = pretrained.load_pretrained(name)
+        config, state = loaded.config, loaded.state
+    if config.strategy != "in-advance":
+        raise ValueError(f"policy: expected one that plans in advance, got {name}, which plays {config.strategy}")
+    agent = algorithm(config)
+
+    def plans(scene: Scene, seed: int) -> Iterator[Plan]:
+        obs, key = jnp.asarray(start_observation(scene)[None]), jax.random.key(seed)
+        number = 0
+        while True:
+            sampled = agent.sample_action(state, jax.random.fold_in(key, number), obs, PLANS_AT_ONCE).action
+            times = action_to_times(np.asarray(sampled), scene.limits.blocks)
+            tenths = plan_to_steps(times, DECISIONS_PER_SECOND, "in_advance")
+            tenths[:, len(scene.eliminable_blocks) :] = NEVER
+            yield from np.where(tenths == NEVER, np.nan, tenths / DECISIONS_PER_SECOND).tolist()
+            number += 1
+
+    return plans
+
+
+def _describe(dataset: Dataset, command: Collect, console: Console) -> None:
+    """Print what was made, and which games have fewer plays than were asked for."""
+    for entry in dataset.manifest["scenes"]:
+        if entry.get("iterations", 0) is None:
+            name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
+            found = f"{entry['successes']} successes and {entry['failures']} failures"
+            say(console, f"{name}: only {found} in {entry['draws']} draws")
+    where = f"{command.out}: " if command.out is not None else f"{command.named}: "
+    solved = int(dataset.success.sum())
+    say(console, f"{where}{len(dataset)} plays of {len(dataset.scenes)} scenes, {solved} solved, {dataset.fps} fps")

@@ -1,0 +1,95 @@
+"""Audits of data sets: are the labels true, and do two sets share a play?"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.data.dataset import Dataset, scene_sum
+from iphyre_jax.data.journal import Report, journal_in
+from iphyre_jax.data.labels import FIRST_RESET, label_plans, play_poses
+from iphyre_jax.data.search import play_keys
+from iphyre_jax.rules import NEVER
+
+SHOWN: Final = 5  # rows that a line names
+COLUMNS: Final = ("success", "end_step", "removals")
+
+
+def verify(
+    dataset: Dataset, *, journal: str | os.PathLike[str] | None = None, report: Report | None = None
+) -> list[str]:
+    """Play the stored steps again and compare the labels, and the poses if there are any, bit for bit.
+
+    Args:
+        dataset: to verify.
+        journal: a folder for what is done so far; after a kill the same call goes on there.
+        report: called with a line of progress.
+
+    Returns:
+        What differs, a line for each array; empty if everything was reproduced.
+    """
+    resets = None if dataset.manifest["form"] == "fresh" else dataset.draw.astype(np.int64) + FIRST_RESET
+    different = _steps_without_times(dataset)
+    with journal_in(journal, report) as opened:
+        opened.report(f"playing {len(dataset)} plays again")
+        labels = label_plans(dataset.scenes, dataset.game, dataset.steps, dataset.fps, resets, opened)
+        for name in COLUMNS:
+            different += _difference(name, np.asarray(getattr(dataset, name) != getattr(labels, name)))
+        if dataset.poses is not None:
+            poses = play_poses(dataset.scenes, dataset.game, dataset.steps, dataset.fps, resets, opened)
+            same = _same_bits(poses.astype(dataset.poses.dtype), dataset.poses)
+            different += _difference("poses", np.asarray(~same.all(axis=(1, 2, 3))))
+    return different
+
+
+def shared_plays(first: Dataset, second: Dataset) -> int:
+    """Return how many plays of `first` are in `second` too.
+
+    Two plays are the same if their scenes are and the same blocks go at the same steps before the end: a removal that
+    was planned for later makes no other play of it.
+    """
+    others = set(_names(second))
+    return sum(name in others for name in _names(first))
+
+
+def repeated_plays(dataset: Dataset) -> int:
+    """Return how many plays of a set are in it before."""
+    return len(dataset) - len(set(_names(dataset)))
+
+
+def known_plays(dataset: Dataset) -> dict[str, set[bytes]]:
+    """Return the plays of each scene, by the scene's SHA-256, as `play_keys` names them."""
+    known: dict[str, set[bytes]] = {}
+    for name, key in _names(dataset):
+        known.setdefault(name, set()).add(key)
+    return known
+
+
+def _names(dataset: Dataset) -> list[tuple[str, bytes]]:
+    sums = [scene_sum(scene) for scene in dataset.scenes]
+    keys = play_keys(dataset.steps, dataset.end_step)
+    return [(sums[index], key) for index, key in zip(dataset.game.tolist(), keys, strict=True)]
+
+
+def _steps_without_times(dataset: Dataset) -> list[str]:
+    """Compare steps with times: an entry takes its frame or, if others wait for the same, one of the next ones."""
+    late = dataset.steps / dataset.fps - dataset.times
+    waits = (dataset.steps.shape[1] + 1) / dataset.fps
+    played = dataset.steps != NEVER
+    wrong = played & ~((late > -1e-5) & (late < waits))  # True where the time is NaN
+    return _difference("steps", np.asarray(wrong.any(axis=1)))
+
+
+def _difference(name: str, different: npt.NDArray[np.bool_]) -> list[str]:
+    if not different.any():
+        return []
+    rows = np.flatnonzero(different)
+    shown = ", ".join(map(str, rows[:SHOWN])) + (" ..." if len(rows) > SHOWN else "")
+    return [f"{name}: {len(rows)} of {len(different)} plays differ (rows {shown})"]
+
+
+def _same_bits(first: npt.NDArray[Any], second: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    return (first == second) | (np.isnan(first) & np.isnan(second))

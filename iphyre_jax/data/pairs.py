@@ -1,0 +1,156 @@
+"""Edge pairs: two plans of a scene that differ by one small move, of which one solves it and the other does not.
+
+Either one removal is moved by 0.1 s, or two removals change places. No count of removals and no knowledge of the game
+tells the two apart; chance is one half. The search looks at the neighbours of random plans that solve the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, islice
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.dataset import Dataset, scene_entry
+from iphyre_jax.data.draws import INTERVAL, OFFICIAL_SECONDS, Plan, random_plans
+from iphyre_jax.data.journal import Journal
+from iphyre_jax.data.labels import Labels, label_plans
+from iphyre_jax.data.search import play_keys
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.scenes import Scene
+
+ROUND: Final = 256  # draws of a scene at a time
+PAIR_STREAM: Final = 2  # beside the seed, so that the choice draws other numbers than anything else
+
+Tenths = npt.NDArray[np.int64]
+
+
+@dataclass
+class _PairSearch:
+    """The pairs of one scene so far: plans in tenths of a second, the one that solves it first."""
+
+    known: set[bytes]
+    draws: int = 0
+    plans: list[Tenths] = field(default_factory=list)
+    ends: list[Labels] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)  # of the draws
+
+    def pairs(self) -> int:
+        """Return how many pairs there are."""
+        return len(self.plans) // 2
+
+
+def moved_plans(plan: Tenths) -> list[Tenths]:
+    """Return the neighbours of a plan, (S,) tenths of a second, 0 for a block that stays.
+
+    One removal is moved by one tenth, from 0.1 to 6.9 s and onto no other; or two removals change places.
+    """
+    last = round(OFFICIAL_SECONDS / INTERVAL) - 1
+    removed = np.flatnonzero(plan).tolist()
+    found = []
+    for slot in removed:
+        for tenth in (plan[slot] - 1, plan[slot] + 1):
+            if 1 <= tenth <= last and tenth not in plan:
+                found.append(np.where(np.arange(len(plan)) == slot, tenth, plan))
+    for one, other in combinations(removed, 2):
+        swapped = plan.copy()
+        swapped[[one, other]] = plan[[other, one]]
+        found.append(swapped)
+    return found
+
+
+def edge_pairs(
+    scenes: Sequence[Scene], count: int, recipe: Recipe, known: Sequence[set[bytes]], journal: Journal
+) -> Dataset:
+    """Find pairs of each scene, at most one for each random plan that solves it.
+
+    Args:
+        scenes: to search.
+        count: pairs of each scene; it has fewer if `recipe.max_draws` random plans do not suffice.
+        recipe: its fps, seed, sequences and split are used.
+        known: plays of each scene that no pair may contain, as `play_keys` gives them.
+        journal: keeps what is done.
+
+    Returns:
+        Rows 2 k and 2 k + 1 are a pair, the play that solves the scene first; `draw` is the number of the random plan.
+    """
+    streams = [random_plans(scene, "official", recipe.seed) for scene in scenes]
+    searches = [_PairSearch(set(plays)) for plays in known]
+    rngs = [np.random.default_rng([recipe.seed, PAIR_STREAM, index]) for index in range(len(scenes))]
+    while active := [k for k, s in enumerate(searches) if s.pairs() < count and s.draws < recipe.max_draws]:
+        drawn = {k: _tenths(list(islice(streams[k], min(ROUND, recipe.max_draws - searches[k].draws)))) for k in active}
+        labels = _label(scenes, drawn, recipe.fps, journal)
+        solved = {k: np.flatnonzero(labels[k].success & (labels[k].fault == 0)) for k in active}
+        nearby = {k: [moved_plans(drawn[k][row]) for row in solved[k]] for k in active}
+        flat = {k: np.array([plan for plans in nearby[k] for plan in plans]) for k in active if any(nearby[k])}
+        ends = _label(scenes, flat, recipe.fps, journal)
+        for k in flat:
+            groups = np.split(np.arange(len(flat[k])), np.cumsum([len(plans) for plans in nearby[k]])[:-1])
+            for row, group in zip(solved[k], groups, strict=True):
+                base = (drawn[k][row], labels[k].take(np.array([row])), searches[k].draws + int(row))
+                if searches[k].pairs() < count:
+                    _add_pair(searches[k], base, flat[k][group], ends[k].take(group), rngs[k], recipe.fps)
+        for k in active:
+            searches[k].draws += max(len(drawn[k]), 1)  # a game whose plans are all drawn ends too
+        journal.report(f"{sum(s.pairs() for s in searches)} of {count * len(scenes)} pairs")
+    return _dataset(scenes, searches, recipe, journal)
+
+
+def _tenths(plans: list[Plan]) -> Tenths:
+    return np.rint(np.array(plans) / INTERVAL).astype(np.int64)
+
+
+def _steps(plans: npt.NDArray[np.integer[Any]], fps: int) -> npt.NDArray[np.int64]:
+    return plan_to_steps(plans * INTERVAL, fps, "simulate")
+
+
+def _label(scenes: Sequence[Scene], plans: dict[int, Tenths], fps: int, journal: Journal) -> dict[int, Labels]:
+    """Play the plans of some scenes together."""
+    there = {k: rows for k, rows in plans.items() if len(rows)}
+    empty = {k: Labels.join([]) for k in plans if k not in there}
+    if not there:
+        return empty
+    game = np.repeat(list(there), [len(rows) for rows in there.values()])
+    labels = label_plans(scenes, game, _steps(np.concatenate(list(there.values())), fps), fps, None, journal)
+    return empty | {k: labels.take(game == k) for k in there}
+
+
+def _add_pair(
+    search: _PairSearch,
+    base: tuple[Tenths, Labels, int],
+    others: Tenths,
+    ends: Labels,
+    rng: np.random.Generator,
+    fps: int,
+) -> None:
+    """Add a plan that solves the scene with one of its neighbours that do not, chosen by chance."""
+    plan, end, number = base
+    own = play_keys(_steps(plan[None], fps), end.end_step)[0]
+    if own in search.known or not len(others):
+        return
+    keys = play_keys(_steps(others, fps), ends.end_step)
+    failed = [k for k, key in enumerate(keys) if not ends.success[k] and not ends.fault[k] and key not in search.known]
+    if failed:
+        chosen = failed[rng.integers(len(failed))]
+        search.known |= {own, keys[chosen]}
+        search.plans += [plan, others[chosen]]
+        search.ends += [end, ends.take(np.array([chosen]))]
+        search.numbers += [number, number]
+
+
+def _dataset(scenes: Sequence[Scene], searches: Sequence[_PairSearch], recipe: Recipe, journal: Journal) -> Dataset:
+    plans = [np.array(plan * INTERVAL) for search in searches for plan in search.plans]
+    ends = Labels.join([end for search in searches for end in search.ends])
+    columns = {"success": ends.success, "end_step": ends.end_step, "removals": ends.removals}
+    columns["draw"] = np.array([number for search in searches for number in search.numbers], np.int32)
+    game = np.repeat(np.arange(len(scenes)), [len(search.plans) for search in searches])
+    entries = [
+        {**scene_entry(scene), "draws": search.draws, "successes": search.pairs(), "failures": search.pairs()}
+        for scene, search in zip(scenes, searches, strict=True)
+    ]
+    times = np.array(plans).reshape(-1, scenes[0].limits.blocks)
+    return build(scenes, game, times, columns, recipe, journal, {"scenes": entries})

@@ -1,0 +1,175 @@
+"""Plays of people and other players: the official player lines, our files of plays, and data sets of either.
+
+{"player": "ann", "game": "hole", "episode": 0, "actions": [[x, y, t], ...], "reward": 975.65}
+
+A line is an attempt: the clicks that removed a block, each with the official clock at the step before which it did.
+Attempt e of a game is played in the reset e + 1 of one space, at 60 steps a second.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from iphyre_jax.checks import one_line, show
+from iphyre_jax.compat.objects import block_at
+from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.dataset import Dataset, scene_entry
+from iphyre_jax.data.journal import Journal
+from iphyre_jax.data.labels import label_plans
+from iphyre_jax.files import parse_json, replace_text
+from iphyre_jax.plans import official_clock
+from iphyre_jax.rules import NEVER, TIME_LIMIT
+from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.viewer.line_files import read_lines
+from iphyre_jax.viewer.plays import Play, is_name
+
+FPS: Final = 60
+FIELDS: Final = ("player", "game", "episode", "actions", "reward")
+MAX_LINE: Final = 100_000  # bytes
+MAX_EPISODE: Final = 999  # files of plays know resets up to 1000
+NOBODY: Final = "nobody"  # the official default is an empty name, which our files do not allow
+
+
+@dataclass(frozen=True)
+class PlayerLine:
+    """An attempt of a player.
+
+    Attributes:
+        play: the attempt as our files of plays hold it.
+        episode: its number among the player's attempts at this game, from 0.
+        reward: what the line states; None if it is one of ours.
+    """
+
+    play: Play
+    episode: int
+    reward: float | None = None
+
+
+def read_player_lines(path: str | os.PathLike[str]) -> list[PlayerLine]:
+    """Read the lines that the official `collect_while_play` writes.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a line is wrong; one line that names file, line and field.
+    """
+    return list(_each_line(Path(path)))
+
+
+def _each_line(path: Path) -> Iterator[PlayerLine]:
+    for number, content in read_lines(path, MAX_LINE):
+        source = f"{one_line(str(path))}: line {number}"
+        if content is None:
+            raise ValueError(f"{source}: expected at most {MAX_LINE} bytes, got more")
+        if content.strip():
+            yield _line(parse_json(content, source), source)
+
+
+def _line(data: object, source: str) -> PlayerLine:
+    if not isinstance(data, Mapping) or set(data) != set(FIELDS):
+        raise ValueError(f"{source}: expected an object with the fields {', '.join(FIELDS)}, got {show(data)}")
+    player = data["player"] or NOBODY
+    if not is_name(player):
+        raise ValueError(f"{source}: player: expected a printable name, got {show(data['player'])}")
+    episode, reward = data["episode"], data["reward"]
+    if type(episode) is not int or not 0 <= episode <= MAX_EPISODE:
+        raise ValueError(f"{source}: episode: expected a whole number from 0 to {MAX_EPISODE}, got {show(episode)}")
+    if isinstance(reward, bool) or not isinstance(reward, int | float) or not np.isfinite(reward):
+        raise ValueError(f"{source}: reward: expected a number, got {show(reward)}")
+    if not isinstance(data["game"], str):
+        raise ValueError(f"{source}: game: expected the name of a game, got {show(data['game'])}")
+    scene = load_scene(data["game"])
+    plan = _plan(scene, data["actions"], source)
+    return PlayerLine(Play(str(player), scene, plan, FPS, "float64", episode + 1), episode, float(reward))
+
+
+def _plan(scene: Scene, actions: Any, source: str) -> tuple[int, ...]:  # noqa: ANN401
+    """Return the steps of clicks; a click at t goes before the step whose clock shows t."""
+    clock = official_clock(FPS)
+    plan, alive = [NEVER] * len(scene.eliminable_blocks), np.ones(scene.n_objects, bool)
+    for click in actions if isinstance(actions, list) else [actions]:
+        numbers = isinstance(click, list) and len(click) == 3
+        if not numbers or any(isinstance(part, bool) or not isinstance(part, int | float) for part in click):
+            raise ValueError(f"{source}: actions: expected clicks [x, y, t], got {show(click)}")
+        x, y, time = (float(part) for part in click)
+        if not 0 <= time < TIME_LIMIT:
+            raise ValueError(f"{source}: actions: expected times from 0 to below {TIME_LIMIT:g} s, got {show(time)}")
+        block = block_at(scene, x, y, alive)
+        if block is None:
+            raise ValueError(f"{source}: actions: expected a click on a block that is left, got {show(click)}")
+        alive[block] = False
+        plan[scene.eliminable_blocks.index(block)] = int(np.abs(clock - time).argmin())
+    return tuple(plan)
+
+
+def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> None:
+    """Write plays as the official player lines, in place of an older file; episodes are counted for each player.
+
+    Args:
+        path: of the file.
+        plays: of games of the package, at 60 steps a second, with their results.
+
+    Raises:
+        ValueError: a play has another rate or no result, or its scene is no game; one line.
+        OSError: the file cannot be written.
+    """
+    clock = official_clock(FPS).tolist()
+    counts: dict[tuple[str, str], int] = {}
+    lines = []
+    for number, play in enumerate(plays):
+        scene, result = play.scene, play.result
+        if play.fps != FPS or result is None:
+            raise ValueError(f"plays[{number}]: expected a play at {FPS} steps a second with its result")
+        if not _is_game(scene):
+            raise ValueError(f"plays[{number}]: expected a game of the package, got the scene {show(scene.name)}")
+        executed = [(step, block) for step, block in zip(play.plan, scene.eliminable_blocks, strict=True) if step >= 0]
+        centres = scene.blocks.mean(axis=1)
+        last = int(str(result["steps"]))
+        clicks = [[*centres[block].tolist(), clock[step]] for step, block in sorted(executed) if step < last]
+        episode = counts[play.agent, scene.name] = counts.get((play.agent, scene.name), -1) + 1
+        fields = (play.agent, scene.name, episode, clicks, result["reward"])
+        lines.append(json.dumps(dict(zip(FIELDS, fields, strict=True))))
+    replace_text(Path(path), "".join(f"{line}\n" for line in lines))
+
+
+def _is_game(scene: Scene) -> bool:
+    try:
+        return scene == load_scene(scene.name)
+    except (ValueError, OSError):
+        return False
+
+
+def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
+    """Return a data set of plays, labelled anew in a fresh space and in float64.
+
+    Args:
+        plays: of one rate; of `read_plays`, or those of player lines.
+
+    Raises:
+        ValueError: there are none, or they have different rates; one line.
+    """
+    given = list(plays)
+    rates = sorted({play.fps for play in given})
+    if len(rates) != 1:
+        raise ValueError(f"plays: expected plays of one rate, got {', '.join(map(str, rates)) or 'no plays'}")
+    scenes = list(dict.fromkeys(play.scene for play in given))
+    game = np.array([scenes.index(play.scene) for play in given])
+    slots = max(scene.limits.blocks for scene in scenes)
+    steps = np.array([[*play.plan, *[NEVER] * (slots - len(play.plan))] for play in given], np.int64)
+    labels = label_plans(scenes, game, steps, rates[0])
+    columns = {name: getattr(labels, name) for name in ("success", "end_step", "removals")}
+    columns["draw"] = np.array([int((game[:k] == game[k]).sum()) for k in range(len(game))])
+    entries = [{**scene_entry(scene), "players": _players(given, scene)} for scene in scenes]
+    times = np.where(steps == NEVER, np.nan, steps / rates[0])
+    recipe = Recipe(distribution="plays", fps=rates[0])
+    return build(scenes, game, times, columns, recipe, Journal(), {"scenes": entries}, steps)
+
+
+def _players(plays: list[Play], scene: Scene) -> list[str]:
+    return [play.agent for play in plays if play.scene == scene]

@@ -1,0 +1,158 @@
+"""Collections: the counts and labels of the official generator, the same bits after a kill, no repeated play."""
+
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iphyre_jax.compat import generate_actions
+from iphyre_jax.data import collect, load_dataset, repeated_plays, save_dataset, verify
+from iphyre_jax.data import labels as labels_module
+from iphyre_jax.data.draws import neighbours
+from iphyre_jax.data.official_files import action_lists
+from iphyre_jax.plans import official_clock
+from tests.data.worlds import small
+
+OFFICIAL = {"hole": 148, "support": 122}  # draws until 50 of both kinds, of the official generator
+
+
+def test_counts_of_the_official_generator() -> None:
+    entries = collect(list(OFFICIAL)).manifest["scenes"]
+    assert {entry["scene"]: entry["iterations"] for entry in entries} == OFFICIAL
+    assert entries[1]["wait_successes"] == 81
+    assert entries[1]["successes"] == entries[1]["failures"] == 50
+
+
+def test_the_exact_form_equals_the_official_generator() -> None:
+    exact = collect(["support"], successes=2, failures=2, form="exact")
+    solved, failed, drawn = generate_actions("support", 2, 2, 0.1, 15.0, 7.0, 6)
+    assert exact.manifest["scenes"][0]["iterations"] == drawn
+    lists = action_lists(exact)
+    np.testing.assert_array_equal(lists[exact.success], solved)
+    np.testing.assert_array_equal(lists[~exact.success], failed)
+    assert not verify(exact)
+
+
+def test_labels_are_those_of_the_stored_steps() -> None:
+    assert not verify(small())
+    assert small().success.sum() == 12
+    assert len(small()) == 24
+
+
+@pytest.mark.parametrize("name", ["success", "end_step", "removals", "steps", "poses"])
+def test_a_wrong_label_is_found(name: str) -> None:
+    whole = small()
+    changed = {**whole.arrays(), name: getattr(whole, name).copy()}
+    if name == "success":
+        changed[name][3] ^= True
+    elif name == "poses":
+        changed[name][3, 70, 0, 1] += 1e-9
+    else:
+        changed[name][(3, slice(4)) if name == "steps" else 3] += 7
+    other = type(whole)(whole.scenes, **changed, manifest=whole.manifest)
+    assert any(line.startswith(name) and "(rows 3" in line for line in verify(other))
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing catches it."""
+
+
+def test_a_killed_collection_goes_on_to_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = {"successes": 4, "failures": 4, "distribution": "mixed", "seed": 4}
+    save_dataset(collect(["hole"], **options), tmp_path / "whole.npz")
+    monkeypatch.setattr(labels_module, "MOST_PLANS", 8)
+    played, simulate_many, calls = 0, labels_module.simulate_many, 0
+
+    def dying(*arguments: object, **others: object) -> object:
+        nonlocal calls, played
+        calls += 1
+        if calls % 2 == 0:
+            raise Killed
+        played += 1
+        return simulate_many(*arguments, **others)
+
+    monkeypatch.setattr(labels_module, "simulate_many", dying)
+    kills = 0
+    while True:
+        try:
+            resumed = collect(["hole"], **options, journal=tmp_path / "journal")
+            break
+        except Killed:
+            kills += 1
+            damaged = min((tmp_path / "journal").glob("*.npz"))
+            if kills == 1:
+                damaged.write_bytes(damaged.read_bytes()[:-9])
+    assert kills >= 2
+    assert played == kills + 1
+    save_dataset(resumed, tmp_path / "resumed.npz")
+    assert (tmp_path / "resumed.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+    assert not (tmp_path / "journal").exists()
+
+
+def test_mixed_has_neighbours_of_successes() -> None:
+    mixed = collect(["hole"], successes=10, failures=10, distribution="mixed")
+    assert (mixed.success.sum(), len(mixed)) == (10, 20)
+    assert repeated_plays(mixed) == 0
+    times = np.nan_to_num(mixed.times)
+    first, second = times[:10], times[10:]
+    bases = first[mixed.success[:10]]
+    for plan in second:
+        moved = np.abs(bases - plan)
+        assert ((moved > 1e-3).sum(axis=1) == 1)[(moved.max(axis=1) < 0.51)].any()
+
+
+def test_neighbours_move_one_removal() -> None:
+    plan = [0.1, 0.0, 6.9, 0.0, 0.0, 0.0]
+    near = neighbours([plan, [0.0] * 6], seed=1)
+    for other, _ in zip(near, range(200), strict=False):
+        change = np.rint((np.array(other) - plan) * 10)
+        assert np.count_nonzero(change) == 1
+        assert 1 <= np.abs(change).max() <= 5
+        assert np.array(other)[[0, 2]].min() > 0.05
+        assert max(other) < 6.95
+    assert list(neighbours([[0.0] * 6], seed=1)) == []
+
+
+def test_plans_of_a_policy_until_the_draws_end() -> None:
+    plan = [0.5, np.nan, 2.0, 1.0, np.nan, np.nan]
+    made = collect(
+        ["hole"], successes=3, failures=3, distribution="policy", policy=lambda *_: repeat(plan), max_draws=9
+    )
+    assert len(made) == 1  # the other eight are the same play
+    assert made.manifest["scenes"][0]["iterations"] is None
+    assert made.manifest["scenes"][0]["draws"] == 9
+    np.testing.assert_array_equal(made.times[0], np.array(plan, np.float32))
+
+
+def test_uniform_plans_reach_to_fifteen_seconds() -> None:
+    made = collect(["support"], successes=10, failures=10, distribution="uniform15")
+    assert 7 < np.nanmax(made.times) < 15
+    assert made.steps.max() < len(official_clock(60))
+
+
+WRONG = {
+    "games": ({"games": []}, "scenes: expected a sequence of at least one"),
+    "successes": ({"successes": -1}, "successes: expected a whole number"),
+    "distribution": ({"distribution": "gauss"}, "distribution: expected one of official"),
+    "form": ({"form": "exact", "distribution": "mixed"}, "form: expected fresh for the distribution mixed"),
+    "fps": ({"fps": 5000}, "fps: expected at most 2183, with sequences a multiple of 10"),
+    "rate": ({"fps": 25, "sequences": True}, "fps: expected at most 2183, with sequences a multiple of 10"),
+    "seed": ({"seed": 2**32}, "seed: expected a whole number"),
+    "policy": ({"distribution": "policy"}, "policy: expected a function"),
+    "memory": ({"successes": 100_000, "sequences": True, "games": ["hole"] * 900}, "sequences: expected a call of at"),
+    "journal": ({"journal": 3}, "journal: expected the path of a folder"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_one_line(case: str) -> None:
+    options, message = WRONG[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        collect(**{"games": ["hole"], **options})
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_written_keeps_its_sums(tmp_path: Path) -> None:
+    save_dataset(small(), tmp_path / "small.npz")
+    assert not verify(load_dataset(tmp_path / "small.npz"))

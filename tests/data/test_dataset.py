@@ -1,0 +1,128 @@
+"""Data sets on disk: what is written is read, a changed byte is refused, equal sets have equal bytes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from iphyre_jax.data import Dataset, load_dataset, save_dataset
+from iphyre_jax.data.dataset import SCHEMA, VERSION, scene_entry
+from iphyre_jax.scenes import load_scene, vary
+
+HOLE = load_scene("hole")
+VARIED = vary(HOLE, 40, seed=3, shift_px=20).scenes[0]
+
+
+def made(**changes: Any) -> Dataset:
+    """Three plays that were never played, of a game and a variation of it."""
+    fields: dict[str, Any] = {
+        "scenes": (HOLE, VARIED),
+        "game": np.array([0, 1, 1], np.int32),
+        "times": np.full((3, 6), np.nan, np.float32),
+        "steps": np.full((3, 6), -1, np.int16),
+        "success": np.array([True, False, True]),
+        "end_step": np.array([200, 900, 899], np.int16),
+        "removals": np.zeros(3, np.int8),
+        "draw": np.arange(3, dtype=np.int32),
+        "poses": None,
+        "manifest": {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "distribution": "official",
+            "form": "fresh",
+            "fps": 60,
+            "rule": "simulate",
+            "frames": 900,
+            "resets": 1,
+            "dtype": "float64",
+            "seed": 0,
+            "scenes": [scene_entry(HOLE), scene_entry(VARIED)],
+        },
+    }
+    return Dataset(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("poses", [None, np.linspace(0, 1, 3 * 150 * 3, dtype=np.float32).reshape(3, 150, 1, 3)])
+def test_what_is_written_is_read(tmp_path: Path, poses: Any) -> None:
+    one = made(poses=poses)
+    save_dataset(one, tmp_path / "one.npz")
+    read = load_dataset(tmp_path / "one.json")
+    assert read.scenes == one.scenes
+    assert read.arrays().keys() == one.arrays().keys()
+    for name, array in one.arrays().items():
+        assert getattr(read, name).dtype == array.dtype
+        np.testing.assert_array_equal(getattr(read, name), array)
+    assert read.manifest["fps"] == read.fps == 60
+    assert len(read.of_game(VARIED.name)) == 2
+
+
+def test_equal_data_sets_have_equal_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        save_dataset(made(), tmp_path / f"{name}.npz")
+    save_dataset(load_dataset(tmp_path / "two.npz"), tmp_path / "two.npz")
+    for suffix in (".npz", ".json"):
+        assert (tmp_path / f"one{suffix}").read_bytes() == (tmp_path / f"two{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".json"])
+def test_any_changed_byte_is_refused(tmp_path: Path, suffix: str) -> None:
+    save_dataset(made(), tmp_path / "one.npz")
+    file = tmp_path / f"one{suffix}"
+    whole = file.read_bytes()
+    changes = [whole[:k] + bytes([whole[k] ^ 1]) + whole[k + 1 :] for k in range(0, len(whole), 41)]
+    for changed in (*changes, whole[:-1], whole + b" ", b""):
+        file.write_bytes(changed)
+        with pytest.raises(ValueError) as caught:
+            load_dataset(file)
+        assert "\n" not in str(caught.value)
+        assert "one." in str(caught.value)
+
+
+def test_a_changed_number_with_a_mended_sum_of_the_file_is_refused(tmp_path: Path) -> None:
+    save_dataset(made(), tmp_path / "one.npz")
+    manifest = json.loads((tmp_path / "one.json").read_text())
+    manifest["fps"] = 10
+    (tmp_path / "one.json").write_text(json.dumps(manifest, indent=1))
+    with pytest.raises(ValueError, match=r"one\.json: expected the bytes that its sum tells of"):
+        load_dataset(tmp_path / "one.npz")
+
+
+WRONG = {
+    "path": (lambda path: load_dataset(path / "one.txt"), "path: expected the path of a data set"),
+    "game": (
+        lambda path: save_dataset(made(game=np.array([0, 1, 2], np.int32)), path / "a.npz"),
+        "dataset: game: expected indices into 2 scenes",
+    ),
+    "dtype": (
+        lambda path: save_dataset(made(steps=np.zeros((3, 6), np.int64)), path / "a.npz"),
+        r"dataset: steps: expected int16 of shape \(3, any\), got int64",
+    ),
+    "length": (
+        lambda path: save_dataset(made(draw=np.zeros(2, np.int32)), path / "a.npz"),
+        r"dataset: draw: expected int32 of shape \(3\), got int32 of shape \(2,\)",
+    ),
+    "scenes": (
+        lambda path: save_dataset(made(scenes=(HOLE,)), path / "a.npz"),
+        "dataset: scenes: expected 2 as in the manifest",
+    ),
+    "name": (lambda path: made().of_game("seesaw"), "name: expected the name of a scene of the data set"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_are_one_line(tmp_path: Path, case: str) -> None:
+    call, message = WRONG[case]
+    with pytest.raises(ValueError, match=message) as caught:
+        call(tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_selection_keeps_all_scenes() -> None:
+    half = replace(made(), manifest={"fps": 60}).select(np.array([True, False, True]))
+    assert len(half) == 2
+    assert half.scenes == (HOLE, VARIED)
+    np.testing.assert_array_equal(half.draw, [0, 2])
