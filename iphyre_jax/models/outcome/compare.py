@@ -147,11 +147,11 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     for name, config in ROWS.items():
         if name in wanted:
             found[name] = make_row(where, config, sets, console)[1]
-            if name in AGENTS:
-                best = storage.load_classifier(name, where.root / name / "best")
-                agents[name] = play_agent(where, name, ranking_agent(best), console)
         elif (where.root / name / storage.EVALUATION).is_file():
             found[name] = storage.read_evaluation(where.root / name)
+        if name in found and name in AGENTS:
+            best = storage.load_classifier(name, where.root / name / "best")
+            agents[name] = play_agent(where, name, ranking_agent(best), console)
         report.write(where.out, found, agents, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")
 

@@ -166,7 +166,8 @@ def write(
     if missing:
         parts.append(f"Not trained yet: {', '.join(missing)}.")
     for column in judged:
-        parts += [f"## {TITLES[column].capitalize()}", measures_table(evaluations, column)]
+        if any(column in evaluation["columns"] for evaluation in evaluations.values()):
+            parts += [f"## {TITLES[column].capitalize()}", measures_table(evaluations, column)]
     parts.append(
         "Natural rates: as if plans solved each game as often as random ones do; chances are moved to the mean rate of "
         "the basic games. Constant: always the more frequent outcome of each game."
