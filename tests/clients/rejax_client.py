@@ -73,8 +73,8 @@ def train(run: str) -> bool:
     agent = rejax.get_algo(run).create(env=env, env_params=env_params, skip_initial_evaluation=True, **settings)
     _, (_, returns) = jax.jit(agent.train)(jax.random.PRNGKey(0))
     score = Score.of(np.asarray(returns)[-1])
-    ran = f"{run.upper()}, {settings['num_envs']} worlds, {settings['total_timesteps']} decisions, {seen} observation, {name}"
-    return record(f"rejax-{run}", "rejax", ran, since=start, score=score, random=random_score(name))
+    ran = f"{run.upper()}, {settings['num_envs']} worlds, {settings['total_timesteps']} decisions"
+    return record(f"rejax-{run}", "rejax", f"{ran}, {seen} observation, {name}", since=start, score=score, random=random_score(name))
 
 
 if __name__ == "__main__":
