@@ -74,7 +74,14 @@ def train(run: str) -> bool:
     _, (_, returns) = jax.jit(agent.train)(jax.random.PRNGKey(0))
     score = Score.of(np.asarray(returns)[-1])
     ran = f"{run.upper()}, {settings['num_envs']} worlds, {settings['total_timesteps']} decisions"
-    return record(f"rejax-{run}", "rejax", f"{ran}, {seen} observation, {name}", since=start, score=score, random=random_score(name))
+    return record(
+        f"rejax-{run}",
+        "rejax",
+        f"{ran}, {seen} observation, {name}",
+        since=start,
+        score=score,
+        random=random_score(name),
+    )
 
 
 if __name__ == "__main__":
