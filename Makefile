@@ -68,7 +68,7 @@ $(CLIENTS_VENV)-%/.stamp: tests/clients/%.txt
 	@touch $@
 
 # Scripts of tests/robustness; each writes what it found to build/faults/, and all of it goes into docs/results/faults.md.
-FAULTS := attempts kill damage disk_full hostile_files arguments extreme_scenes
+FAULTS := attempts kill damage disk_full read_only hostile_files arguments extreme_scenes many_scenes
 FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
 
 test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour

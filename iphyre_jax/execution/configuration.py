@@ -138,7 +138,7 @@ def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Pa
         return None
     if not isinstance(cache, str | PathLike) or not isinstance(os.fspath(cache), str) or "\0" in str(cache):
         raise ValueError(f"cache: expected a folder, True, False or None, got {show(cache)}")
-    return private_folder(Path(cache).expanduser())
+    return private_folder(Path(cache))
 
 
 def jax_has_started() -> bool:

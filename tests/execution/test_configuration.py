@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 import iphyre_jax
+from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.cache_folder import private_folder
 
 PLAY = """
@@ -200,6 +201,23 @@ def test_wrong_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     with pytest.raises(ValueError, match=r"^cache: [^\n]* belongs to another user"):
         iphyre_jax.configure(cache=tmp_path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="homes are named otherwise")
+def test_a_user_without_a_home_plays_without_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container with a number for a user."""
+
+    def getpwuid(number: int) -> None:
+        raise KeyError(number)
+
+    for name in ("HOME", "XDG_CACHE_HOME", "IPHYRE_JAX_CACHE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", getpwuid)
+    monkeypatch.setattr(configuration, "_settings", configuration._Settings())
+    with pytest.warns(RuntimeWarning, match=r"are not kept \(cache: cannot use ~/.cache/iphyre_jax: [^\n]*home"):
+        assert configuration.cache_folder() is None
+    with pytest.raises(ValueError, match=r"^cache: cannot use ~/programs: [^\n]*home"):
+        iphyre_jax.configure(cache="~/programs")
 
 
 def test_the_command_line_configures(cache: Path) -> None:

@@ -36,17 +36,20 @@ _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> Path:
-    """Return the folder, made with mode 0700 if it is missing.
+    """Return the folder, made with mode 0700 if it is missing; "~" is the user's home.
 
     Raises:
         ValueError: it cannot be made, or somebody else owns it or may write it; one line.
     """
     try:
+        folder = folder.expanduser()
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         about = folder.stat()
     except OSError as error:
         raise ValueError(f"cache: cannot use {folder}: {error.strerror}") from None
+    except RuntimeError as error:  # there is no home folder
+        raise ValueError(f"cache: cannot use {folder}: {error}") from None
     if problem := _distrusted(about):
         raise ValueError(f"cache: {problem.format(folder)}; expected a folder of this user with mode 0700")
     return folder
@@ -62,12 +65,9 @@ def default_folder() -> Path | None:
     if named.lower() in OFF_WORDS:
         return None
     if named:
-        return private_folder(Path(named).expanduser())
+        return private_folder(Path(named))
     home = os.environ.get("XDG_CACHE_HOME", "")
-    try:
-        return private_folder((Path(home) if Path(home).is_absolute() else Path.home() / ".cache") / "iphyre_jax")
-    except RuntimeError as error:  # there is no home folder
-        raise ValueError(f"cache: {error}") from None
+    return private_folder((Path(home) if Path(home).is_absolute() else Path("~/.cache")) / "iphyre_jax")
 
 
 def entry_path(folder: Path, key: Mapping[str, Any]) -> Path:
