@@ -1,6 +1,6 @@
 """Data sets against other sources: published counts, pymunk in the official order, and their own stored steps.
 
-    python tests/robustness/datasets.py                  counts of all forty games at both rates, time, labels played again
+    python tests/robustness/datasets.py                  counts of all forty games, time, labels played again
     python tests/robustness/datasets.py --reference      the exact form against pymunk, game by game
     python tests/robustness/datasets.py --sets           the named sets, a fiftieth of each: labels, no shared play
     python tests/robustness/datasets.py --kill           killed at any moment, it goes on to the same bits
