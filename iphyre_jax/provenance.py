@@ -41,10 +41,10 @@ def device() -> str:
     return f"{first.platform}: {first.device_kind}"
 
 
-def provenance() -> dict[str, Any]:
-    """Versions, device, processors and commit, as JSON values; it goes into every result."""
+def provenance(packages: Sequence[str] = PACKAGES) -> dict[str, Any]:
+    """Versions of some packages, device, processors and commit, as JSON values; it goes into every result."""
     return {
-        "versions": versions(),
+        "versions": versions(packages),
         "device": device(),
         "machine": f"{platform.system()} {platform.machine()}, {usable_cores()} cores",
         "commit": source_commit(),

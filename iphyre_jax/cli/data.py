@@ -26,7 +26,7 @@ from iphyre_jax.data.official_files import load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.observations.official import start_observation
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.registry import algorithm
@@ -72,6 +72,10 @@ class Collect:
     """Each play in a fresh space, or in the successive resets of one space, as the official loop does."""
     fps: int = 60
     """Physics steps a second."""
+    rule: Rule = "simulate"
+    """How seconds become steps: as in the official data, or as for agents that plan ahead."""
+    resets: int = 1
+    """Number of the reset in a reused physics space: 1 is a fresh space; official agents play after the second."""
     seed: int = 0
     """Seed of the draws."""
     max_draws: int = MAX_DRAWS
@@ -137,6 +141,8 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
         distribution=command.distribution,
         form=command.form,
         fps=command.fps,
+        rule=command.rule,
+        resets=command.resets,
         seed=command.seed,
         sequences=command.sequences,
         pose_dtype=command.pose_dtype,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from iphyre_jax.data.dataset import Dataset, scene_sum
 from iphyre_jax.data.journal import Report, journal_in
-from iphyre_jax.data.labels import FIRST_RESET, label_plans, play_poses
+from iphyre_jax.data.labels import FIRST_RESET, FRESH, PlayProtocol, label_plans, play_poses
 from iphyre_jax.data.search import play_keys
 from iphyre_jax.rules import NEVER
 
@@ -31,15 +31,18 @@ def verify(
     Returns:
         What differs, a line for each array; empty if everything was reproduced.
     """
-    resets = None if dataset.manifest["form"] == "fresh" else dataset.draw.astype(np.int64) + FIRST_RESET
+    manifest = dataset.manifest
+    is_fresh = manifest["form"] == "fresh"
+    protocol = PlayProtocol(dataset.fps, manifest["rule"], manifest["resets"] if is_fresh else FRESH)
+    resets = None if is_fresh else dataset.draw.astype(np.int64) + FIRST_RESET
     different = _steps_without_times(dataset)
     with journal_in(journal, report) as opened:
         opened.report(f"playing {len(dataset)} plays again")
-        labels = label_plans(dataset.scenes, dataset.game, dataset.steps, dataset.fps, resets, opened)
+        labels = label_plans(dataset.scenes, dataset.game, dataset.steps, protocol, resets, opened)
         for name in COLUMNS:
             different += _difference(name, np.asarray(getattr(dataset, name) != getattr(labels, name)))
         if dataset.poses is not None:
-            poses = play_poses(dataset.scenes, dataset.game, dataset.steps, dataset.fps, resets, opened)
+            poses = play_poses(dataset.scenes, dataset.game, dataset.steps, protocol, resets, opened)
             same = _same_bits(poses.astype(dataset.poses.dtype), dataset.poses)
             different += _difference("poses", np.asarray(~same.all(axis=(1, 2, 3))))
     return different

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_flag, check_option, check_whole, show, whole_fps
+from iphyre_jax.checks import check_flag, check_option, check_resets, check_whole, show, whole_fps
 from iphyre_jax.data.dataset import MAX_STEPS, SCHEMA, VERSION, Dataset, scene_entry
 from iphyre_jax.data.draws import Plan, neighbours, random_plans
 from iphyre_jax.data.journal import Journal, Report, journal_in
-from iphyre_jax.data.labels import DTYPE, FIRST_RESET, FRESH, Ints, frames, play_poses
+from iphyre_jax.data.labels import DTYPE, FIRST_RESET, FRESH, Ints, PlayProtocol, play_poses
 from iphyre_jax.data.search import Search, kept_rows, run_searches
 from iphyre_jax.memory import check_memory
-from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.provenance import provenance
+from iphyre_jax.plans import Rule
+from iphyre_jax.provenance import CORE, provenance
 from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, TIME_LIMIT
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.library import SceneLike, load_scenes
@@ -43,7 +43,7 @@ class Recipe:
 
     distribution: str = "official"
     form: str = "fresh"
-    fps: int = 60
+    protocol: PlayProtocol = field(default_factory=PlayProtocol)
     seed: int = 0
     max_draws: int = MAX_DRAWS
     policy: PlanPolicy | None = None
@@ -59,10 +59,10 @@ class Recipe:
             "version": VERSION,
             "distribution": self.distribution,
             "form": self.form,
-            "fps": self.fps,
-            "rule": "simulate",
-            "frames": frames(self.fps),
-            "resets": FRESH if self.form == "fresh" else f"draw + {FIRST_RESET}",
+            "fps": self.protocol.fps,
+            "rule": self.protocol.rule,
+            "frames": self.protocol.frames,
+            "resets": self.protocol.resets if self.form == "fresh" else f"draw + {FIRST_RESET}",
             "dtype": DTYPE,
             "seed": self.seed,
             "max_draws": self.max_draws,
@@ -79,6 +79,8 @@ def collect(
     distribution: str = "official",
     form: str = "fresh",
     fps: int = 60,
+    rule: Rule = "simulate",
+    resets: int = FRESH,
     seed: int = 0,
     sequences: bool = False,
     pose_dtype: str = "float32",
@@ -103,6 +105,10 @@ def collect(
         form: "fresh": each play in a fresh space. "exact": in the successive resets of one space, as the official loop
             plays; the labels are then those of `iphyre_jax.compat.generate_actions`. One play in 250 ends otherwise.
         fps: physics steps a second, a whole number up to 2,183; with sequences a multiple of 10.
+        rule: how seconds become steps, see `plan_to_steps`: "simulate", as the official data; "in_advance", as for
+            agents that plan ahead.
+        resets: number of the reset of a reused space in which each play of the form "fresh" is made; 1 is a fresh
+            space, 2 that of the official learning environment.
         seed: of the draws, 0 to 2**32 - 1.
         sequences: whether to keep the poses of what moves, ten a second.
         pose_dtype: "float32", or "float64" for tables that equal the official ones bit for bit.
@@ -117,7 +123,9 @@ def collect(
     """
     scenes = load_scenes(games)
     unique = distribution in ("policy", "mixed")
-    recipe = Recipe(distribution, form, fps, seed, max_draws, policy, sequences, pose_dtype, unique)
+    recipe = Recipe(
+        distribution, form, PlayProtocol(fps, rule, resets), seed, max_draws, policy, sequences, pose_dtype, unique
+    )
     recipe = check_recipe(recipe, scenes, successes, failures)
     with journal_in(journal, report) as opened:
         return gather(scenes, [(successes, failures)] * len(scenes), recipe, opened)
@@ -133,20 +141,26 @@ def check_recipe(recipe: Recipe, scenes: Sequence[Scene], successes: int, failur
     check_flag("sequences", recipe.sequences)
     check_whole("seed", recipe.seed, 0, 2**32 - 1)
     check_whole("max_draws", recipe.max_draws, 1, MOST_DRAWS)
-    rate = whole_fps(recipe.fps)
+    protocol = recipe.protocol
+    rate = whole_fps(protocol.fps)
+    check_option("rule", protocol.rule, get_args(Rule))
+    check_resets(protocol.resets)
     if rate > MOST_FPS or (recipe.sequences and rate % DECISIONS_PER_SECOND):
         wanted = f"at most {MOST_FPS}, with sequences a multiple of {DECISIONS_PER_SECOND}"
-        raise ValueError(f"fps: expected {wanted}, got {show(recipe.fps)}")
+        raise ValueError(f"fps: expected {wanted}, got {show(protocol.fps)}")
+    if rate % DECISIONS_PER_SECOND and protocol.rule != "simulate":
+        raise ValueError(f"fps: expected a multiple of {DECISIONS_PER_SECOND} for the rule in_advance, got {rate}")
     if (recipe.distribution == "policy") != callable(recipe.policy):
         raise ValueError(f"policy: expected a function for the distribution policy only, got {show(recipe.policy)}")
-    if recipe.form == "exact" and recipe.unique:
-        raise ValueError(f"form: expected fresh for the distribution {recipe.distribution}, got exact")
+    if recipe.form == "exact" and (recipe.unique or protocol.resets != FRESH):
+        wanted = f"fresh for the distribution {recipe.distribution} and resets {protocol.resets}"
+        raise ValueError(f"form: expected {wanted}, got exact")
     draws = min(recipe.max_draws, 1000 * (successes + failures))
     check_memory("max_draws", len(scenes) * draws * _BYTES_OF_DRAW, "collect fewer games at a time")
     if recipe.sequences:
         size = pose_bytes(scenes, len(scenes) * (successes + failures), recipe.pose_dtype)
         check_memory("sequences", 2 * size, "collect fewer plays at a time")
-    return Recipe(**{**vars(recipe), "fps": rate})
+    return replace(recipe, protocol=replace(protocol, fps=rate))
 
 
 def pose_bytes(scenes: Sequence[Scene], plays: int, dtype: str) -> int:
@@ -184,12 +198,12 @@ def gather(
         Search(_plans(scene, recipe, first), count, recipe.max_draws, first, plays)
         for scene, count, first, plays in zip(scenes, share, begin, left_out, strict=True)
     ]
-    run_searches(scenes, searches, recipe.fps, recipe.form == "exact", journal)
+    run_searches(scenes, searches, recipe.protocol, recipe.form == "exact", journal)
     found = [[search] for search in searches]
     if is_mixed:
         for next_search in (_neighbour_search, _filling_search):
             more = [next_search(scenes[k], found[k], wanted[k], recipe) for k in range(len(scenes))]
-            run_searches(scenes, more, recipe.fps, False, journal)
+            run_searches(scenes, more, recipe.protocol, False, journal)
             found = [[*done, search] for done, search in zip(found, more, strict=True)]
     return dataset_of(scenes, found, recipe, journal)
 
@@ -260,12 +274,12 @@ def build(
         manifest: fields to add: `scenes`, and others.
         played: (N, S) the steps of the plans; by default those of the times.
     """
-    steps = plan_to_steps(times, recipe.fps, "simulate") if played is None else played
+    steps = recipe.protocol.steps(times) if played is None else played
     poses = None
     if recipe.sequences:
         journal.report(f"playing {len(game)} sequences")
         resets = None if recipe.form == "fresh" else columns["draw"] + FIRST_RESET
-        poses = play_poses(scenes, game, steps, recipe.fps, resets, journal).astype(recipe.pose_dtype)
+        poses = play_poses(scenes, game, steps, recipe.protocol, resets, journal).astype(recipe.pose_dtype)
     return Dataset(
         scenes=tuple(scenes),
         game=game.astype(np.int32),
@@ -276,7 +290,7 @@ def build(
         removals=columns["removals"].astype(np.int8),
         draw=columns["draw"].astype(np.int32),
         poses=poses,
-        manifest={**recipe.manifest(), **manifest, "provenance": provenance()},
+        manifest={**recipe.manifest(), **manifest, "provenance": provenance(CORE)},
     )
 
 

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ import numpy.typing as npt
 from iphyre_jax.checks import is_list, one_line, show
 from iphyre_jax.files import parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
+from iphyre_jax.plans import Rule
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 
@@ -229,6 +230,8 @@ def _is_entry(value: object) -> bool:
 
 _FIELDS: Final[tuple[tuple[str, Callable[[Any], bool], str], ...]] = (
     ("form", lambda value: value in ("fresh", "exact"), "fresh or exact"),
+    ("rule", lambda value: value in get_args(Rule), "simulate or in_advance"),
+    ("resets", lambda value: type(value) in (int, str), "the number of a reset"),
     ("fps", lambda value: type(value) is int and 0 < value <= MAX_STEPS, "a positive whole number"),
     ("scenes", lambda value: isinstance(value, list) and all(map(_is_entry, value)), "a list of scenes"),
     (

@@ -13,8 +13,8 @@ from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.execution.devices import partition_of
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
-from iphyre_jax.plans import official_clock
-from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
+from iphyre_jax.plans import Rule, official_clock, plan_to_steps
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, TIME_LIMIT
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene
 from iphyre_jax.simulation import simulate_many
@@ -52,16 +52,29 @@ class Labels:
         )
 
 
-def frames(fps: int) -> int:
-    """Return the steps of a whole play by the official clock: 900 at 60 steps a second, 151 at 10."""
-    return len(official_clock(fps))
+@dataclass(frozen=True)
+class PlayProtocol:
+    """How plans become plays: rate, rule and reset."""
+
+    fps: int = 60
+    rule: Rule = "simulate"
+    resets: int = FRESH
+
+    @property
+    def frames(self) -> int:
+        """The steps of a whole play: 900 at 60 a second; at 10 150, or 151 by the clock of the rule "simulate"."""
+        return len(official_clock(self.fps)) if self.rule == "simulate" else round(TIME_LIMIT * self.fps)
+
+    def steps(self, times: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
+        """Return the steps of plans, (B, S); a time of 0 is an entry that removes nothing."""
+        return plan_to_steps(times, self.fps, self.rule)
 
 
 def label_plans(
     scenes: Sequence[Scene],
     game: Ints,
     steps: Ints,
-    fps: int,
+    protocol: PlayProtocol,
     resets: Ints | None = None,
     journal: Journal | None = None,
 ) -> Labels:
@@ -71,15 +84,15 @@ def label_plans(
         scenes: what is played.
         game: (B,) index of each plan's scene.
         steps: (B, S) the step before which each block goes, -1 for never.
-        fps: physics steps a second.
-        resets: (B,) number of the reset of each play; None: a fresh space each.
+        protocol: how.
+        resets: (B,) number of the reset of each play, instead of that of the protocol.
         journal: keeps what is done.
     """
     size = MOST_PLANS if resets is None else MOST_WORLDS
     parts = [slice(first, first + size) for first in range(0, len(game), size)]
     own = [None if resets is None else resets[part] for part in parts]
     played = [
-        _play(scenes, game[part], steps[part], fps, reset, None, journal or Journal())
+        _play(scenes, game[part], steps[part], protocol, reset, None, journal or Journal())
         for part, reset in zip(parts, own, strict=True)
     ]
     return Labels.join([Labels(*(arrays[column.name] for column in fields(Labels))) for arrays in played])
@@ -89,7 +102,7 @@ def play_poses(
     scenes: Sequence[Scene],
     game: Ints,
     steps: Ints,
-    fps: int,
+    protocol: PlayProtocol,
     resets: Ints | None = None,
     journal: Journal | None = None,
 ) -> Poses:
@@ -99,11 +112,11 @@ def play_poses(
     """
     parts = [slice(first, first + MOST_SEQUENCES) for first in range(0, len(game), MOST_SEQUENCES)]
     own = [None if resets is None else resets[part] for part in parts]
-    every = fps // DECISIONS_PER_SECOND
+    every = protocol.fps // DECISIONS_PER_SECOND
     movers = max(int(scene.dynamic.sum()) for scene in scenes)
     poses = np.full((len(game), FRAMES, movers, 3), np.nan)
     for part, reset in zip(parts, own, strict=True):
-        played = _play(scenes, game[part], steps[part], fps, reset, every, journal or Journal())["poses"]
+        played = _play(scenes, game[part], steps[part], protocol, reset, every, journal or Journal())["poses"]
         poses[part, :, : played.shape[2]] = played
     return poses
 
@@ -112,21 +125,26 @@ def _play(
     scenes: Sequence[Scene],
     game: Ints,
     steps: Ints,
-    fps: int,
+    protocol: PlayProtocol,
     resets: Ints | None,
     every: int | None,
     journal: Journal,
 ) -> dict[str, npt.NDArray[Any]]:
     """Play one part, or find it in the journal."""
     which = sorted(set(game.tolist()))
-    settings = {"fps": fps, "frames": frames(fps), "every": every, "scenes": [scene_sum(scenes[k]) for k in which]}
+    settings = {
+        **vars(protocol),
+        "frames": protocol.frames,
+        "every": every,
+        "scenes": [scene_sum(scenes[k]) for k in which],
+    }
     inputs: dict[str, npt.NDArray[Any]] = {"game": np.searchsorted(which, game), "steps": steps.astype(np.int32)}
     if resets is not None:
         inputs["resets"] = resets.astype(np.int64)
     own = [scenes[k] for k in which]
 
     def work() -> dict[str, npt.NDArray[Any]]:
-        columns, samples = _simulate(own, inputs["game"], inputs["steps"], fps, resets, every)
+        columns, samples = _simulate(own, inputs["game"], inputs["steps"], protocol, resets, every)
         named = dict(zip([column.name for column in fields(Labels)], columns, strict=True))
         return named if samples is None else {**named, "poses": _movers(own, inputs["game"], samples)}
 
@@ -134,17 +152,24 @@ def _play(
 
 
 def _simulate(
-    scenes: Sequence[Scene], game: Ints, steps: Ints, fps: int, resets: Ints | None, every: int | None
+    scenes: Sequence[Scene], game: Ints, steps: Ints, protocol: PlayProtocol, resets: Ints | None, every: int | None
 ) -> tuple[list[npt.NDArray[Any]], npt.NDArray[Any] | None]:
     """Return success, end step, removals and fault of each play, and its samples, if any."""
     if resets is None:
-        seconds = frames(fps) / fps
+        seconds = protocol.frames / protocol.fps
         played: Any = simulate_many(
-            scenes, game, steps, fps=fps, duration=seconds, dtype=DTYPE, resets=FRESH, sample_every=every
+            scenes,
+            game,
+            steps,
+            fps=protocol.fps,
+            duration=seconds,
+            dtype=DTYPE,
+            resets=protocol.resets,
+            sample_every=every,
         )
     else:  # a world for each play: no two have the same reset
         worlds = [compile_scene(scenes[k], resets=r, dtype=DTYPE) for k, r in zip(game, resets.tolist(), strict=True)]
-        settings = Settings(float(fps), frames(fps), DTYPE, FRESH, every)
+        settings = Settings(float(protocol.fps), protocol.frames, DTYPE, FRESH, every)
         plays = [scenes[k] for k in game]
         played = PlanBatch(plays, worlds, np.arange(len(game)), steps.astype(np.int32), settings, partition_of(None))
         played.play()

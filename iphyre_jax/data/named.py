@@ -24,9 +24,11 @@ from iphyre_jax.data.audit import known_plays
 from iphyre_jax.data.collection import Recipe, check_recipe, gather
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_sum
 from iphyre_jax.data.journal import Journal, Report, journal_in
+from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.pairs import edge_pairs
 from iphyre_jax.data.varied import varied_plays
 from iphyre_jax.execution.compilation.cache_folder import default_folder
+from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 
 SETS_VERSION: Final = 1  # of the definitions here
@@ -83,7 +85,7 @@ class _Sets:
 
     @cached_property
     def _recipe(self) -> Recipe:
-        return Recipe(fps=self.fps, sequences=self.sequences)
+        return Recipe(protocol=_protocol(self.fps), sequences=self.sequences)
 
     def _official(self, journal: Journal) -> Dataset:
         scenes, count = self._scenes(GAMES), self._count(50)
@@ -162,7 +164,8 @@ def named_set(
 
     Args:
         name: "official", "test", "pairs", "basic-large", "variations" or "graded"; the module says what they hold.
-        fps: physics steps a second. Sets of different rates must not be mixed.
+        fps: physics steps a second. 10: as in the official environment for agents that plan ahead, which rounds to
+            0.1 s and plays in the second reset. Sets of different rates must not be mixed.
         sequences: whether it has the poses of what moves.
         games: only these games of the set; None for all.
         scale: divides the numbers of plays, for trials.
@@ -179,8 +182,13 @@ def named_set(
     if games is not None and not is_list(games):
         raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
     only = None if games is None else tuple(_check_game(game) for game in games)
-    recipe = check_recipe(Recipe(fps=fps, sequences=sequences), [load_scene(GAMES[0])], 1, 1)
-    return _Sets(_folder(folder), recipe.fps, sequences, scale, only, report).load(name)
+    recipe = check_recipe(Recipe(protocol=_protocol(fps), sequences=sequences), [load_scene(GAMES[0])], 1, 1)
+    return _Sets(_folder(folder), recipe.protocol.fps, sequences, scale, only, report).load(name)
+
+
+def _protocol(fps: int) -> PlayProtocol:
+    """Return how plans are played at a rate: at that of the official environments as in them."""
+    return PlayProtocol(fps, "in_advance", OFFICIAL_RESETS) if fps == OFFICIAL_FPS else PlayProtocol(fps)
 
 
 def _check_game(game: Any) -> str:  # noqa: ANN401

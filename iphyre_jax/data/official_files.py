@@ -22,9 +22,9 @@ from iphyre_jax.data.collection import Recipe, build, check_recipe
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL
 from iphyre_jax.data.journal import Journal, Report, journal_in
-from iphyre_jax.data.labels import label_plans
+from iphyre_jax.data.labels import PlayProtocol, label_plans
 from iphyre_jax.data.sequences import rows_by_scene, tables
-from iphyre_jax.plans import official_clock, plan_to_steps
+from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.library import load_scenes
@@ -120,7 +120,7 @@ def load_official(
         raise ValueError(f"folder: expected a folder with a folder for each game, got {show(folder)}")
     names = sorted(path.name for path in Path(folder).iterdir() if path.is_dir()) if games is None else games
     scenes = load_scenes([load_scene(name) for name in names])
-    recipe = check_recipe(Recipe(fps=fps, sequences=sequences, split="official"), scenes, 0, 0)
+    recipe = check_recipe(Recipe(protocol=PlayProtocol(fps), sequences=sequences, split="official"), scenes, 0, 0)
     read = [_read_game(Path(folder) / scene.name, scene) for scene in scenes]
     with journal_in(journal, report) as opened:
         return _labelled(scenes, read, recipe, opened)
@@ -132,7 +132,7 @@ def _labelled(
     times = np.concatenate([times for times, _ in read])
     stated = np.concatenate([results for _, results in read])
     game = np.repeat(np.arange(len(scenes)), [len(times) for times, _ in read])
-    labels = label_plans(scenes, game, plan_to_steps(times, recipe.fps, "simulate"), recipe.fps, None, journal)
+    labels = label_plans(scenes, game, recipe.protocol.steps(times), recipe.protocol, None, journal)
     other = ~np.isnan(stated[:, 0]) & ((stated[:, 0] != labels.success) | (stated[:, 1] != labels.removals))
     draw = np.concatenate([np.arange(len(times)) for times, _ in read])
     columns = {"success": labels.success, "end_step": labels.end_step, "removals": labels.removals, "draw": draw}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,8 @@ from iphyre_jax.data.collection import Recipe, build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL, OFFICIAL_SECONDS, Plan, random_plans
 from iphyre_jax.data.journal import Journal
-from iphyre_jax.data.labels import Labels, label_plans
+from iphyre_jax.data.labels import Labels, PlayProtocol, label_plans
 from iphyre_jax.data.search import play_keys
-from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene
 
 ROUND: Final = 256  # draws of a scene at a time
@@ -71,7 +70,7 @@ def edge_pairs(
     Args:
         scenes: to search.
         count: pairs of each scene; it has fewer if `recipe.max_draws` random plans do not suffice.
-        recipe: its fps, seed, sequences and split are used.
+        recipe: its protocol, seed, sequences and split are used.
         known: plays of each scene that no pair may contain, as `play_keys` gives them.
         journal: keeps what is done.
 
@@ -83,17 +82,17 @@ def edge_pairs(
     rngs = [np.random.default_rng([recipe.seed, PAIR_STREAM, index]) for index in range(len(scenes))]
     while active := [k for k, s in enumerate(searches) if s.pairs() < count and s.draws < recipe.max_draws]:
         drawn = {k: _tenths(list(islice(streams[k], min(ROUND, recipe.max_draws - searches[k].draws)))) for k in active}
-        labels = _label(scenes, drawn, recipe.fps, journal)
+        labels = _label(scenes, drawn, recipe.protocol, journal)
         solved = {k: np.flatnonzero(labels[k].success & (labels[k].fault == 0)) for k in active}
         nearby = {k: [moved_plans(drawn[k][row]) for row in solved[k]] for k in active}
         flat = {k: np.array([plan for plans in nearby[k] for plan in plans]) for k in active if any(nearby[k])}
-        ends = _label(scenes, flat, recipe.fps, journal)
+        ends = _label(scenes, flat, recipe.protocol, journal)
         for k in flat:
             groups = np.split(np.arange(len(flat[k])), np.cumsum([len(plans) for plans in nearby[k]])[:-1])
             for row, group in zip(solved[k], groups, strict=True):
                 base = (drawn[k][row], labels[k].take(np.array([row])), searches[k].draws + int(row))
                 if searches[k].pairs() < count:
-                    _add_pair(searches[k], base, flat[k][group], ends[k].take(group), rngs[k], recipe.fps)
+                    _add_pair(searches[k], base, flat[k][group], ends[k].take(group), rngs[k], recipe.protocol)
         for k in active:
             searches[k].draws += max(len(drawn[k]), 1)  # a game whose plans are all drawn ends too
         journal.report(f"{sum(s.pairs() for s in searches)} of {count * len(scenes)} pairs")
@@ -104,18 +103,17 @@ def _tenths(plans: list[Plan]) -> Tenths:
     return np.rint(np.array(plans) / INTERVAL).astype(np.int64)
 
 
-def _steps(plans: npt.NDArray[np.integer[Any]], fps: int) -> npt.NDArray[np.int64]:
-    return plan_to_steps(plans * INTERVAL, fps, "simulate")
-
-
-def _label(scenes: Sequence[Scene], plans: dict[int, Tenths], fps: int, journal: Journal) -> dict[int, Labels]:
+def _label(
+    scenes: Sequence[Scene], plans: dict[int, Tenths], protocol: PlayProtocol, journal: Journal
+) -> dict[int, Labels]:
     """Play the plans of some scenes together."""
     there = {k: rows for k, rows in plans.items() if len(rows)}
     empty = {k: Labels.join([]) for k in plans if k not in there}
     if not there:
         return empty
     game = np.repeat(list(there), [len(rows) for rows in there.values()])
-    labels = label_plans(scenes, game, _steps(np.concatenate(list(there.values())), fps), fps, None, journal)
+    steps = protocol.steps(np.concatenate(list(there.values())) * INTERVAL)
+    labels = label_plans(scenes, game, steps, protocol, None, journal)
     return empty | {k: labels.take(game == k) for k in there}
 
 
@@ -125,14 +123,14 @@ def _add_pair(
     others: Tenths,
     ends: Labels,
     rng: np.random.Generator,
-    fps: int,
+    protocol: PlayProtocol,
 ) -> None:
     """Add a plan that solves the scene with one of its neighbours that do not, chosen by chance."""
     plan, end, number = base
-    own = play_keys(_steps(plan[None], fps), end.end_step)[0]
+    own = play_keys(protocol.steps(plan[None] * INTERVAL), end.end_step)[0]
     if own in search.known or not len(others):
         return
-    keys = play_keys(_steps(others, fps), ends.end_step)
+    keys = play_keys(protocol.steps(others * INTERVAL), ends.end_step)
     failed = [k for k, key in enumerate(keys) if not ends.success[k] and not ends.fault[k] and key not in search.known]
     if failed:
         chosen = failed[rng.integers(len(failed))]

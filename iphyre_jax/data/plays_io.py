@@ -22,7 +22,7 @@ from iphyre_jax.compat.objects import block_at
 from iphyre_jax.data.collection import Recipe, build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.journal import Journal
-from iphyre_jax.data.labels import label_plans
+from iphyre_jax.data.labels import PlayProtocol, label_plans
 from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import NEVER, TIME_LIMIT
@@ -162,12 +162,13 @@ def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
     game = np.array([scenes.index(play.scene) for play in given])
     slots = max(scene.limits.blocks for scene in scenes)
     steps = np.array([[*play.plan, *[NEVER] * (slots - len(play.plan))] for play in given], np.int64)
-    labels = label_plans(scenes, game, steps, rates[0])
+    protocol = PlayProtocol(rates[0])
+    labels = label_plans(scenes, game, steps, protocol)
     columns = {name: getattr(labels, name) for name in ("success", "end_step", "removals")}
     columns["draw"] = np.array([int((game[:k] == game[k]).sum()) for k in range(len(game))])
     entries = [{**scene_entry(scene), "players": _players(given, scene)} for scene in scenes]
     times = np.where(steps == NEVER, np.nan, steps / rates[0])
-    recipe = Recipe(distribution="plays", fps=rates[0])
+    recipe = Recipe(distribution="plays", protocol=protocol)
     return build(scenes, game, times, columns, recipe, Journal(), {"scenes": entries}, steps)
 
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.journal import Journal
-from iphyre_jax.data.labels import FIRST_RESET, MOST_PLANS, Ints, Labels, label_plans
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.data.labels import FIRST_RESET, MOST_PLANS, Ints, Labels, PlayProtocol, label_plans
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene
 
@@ -83,13 +82,15 @@ def play_keys(steps: Ints, end_step: Ints) -> list[bytes]:
     return [row.tobytes() for row in executed]
 
 
-def run_searches(scenes: Sequence[Scene], searches: Sequence[Search], fps: int, exact: bool, journal: Journal) -> None:
+def run_searches(
+    scenes: Sequence[Scene], searches: Sequence[Search], protocol: PlayProtocol, exact: bool, journal: Journal
+) -> None:
     """Draw and play, all scenes together, until each has enough of both kinds or no draws left.
 
     Args:
         scenes: one for each search; a scene may come several times.
         searches: what is wanted; they are filled.
-        fps: physics steps a second.
+        protocol: how plans become plays.
         exact: whether draw k is the play after the reset k + 2 of one space, as in the official loop.
         journal: keeps the plays.
     """
@@ -99,10 +100,10 @@ def run_searches(scenes: Sequence[Scene], searches: Sequence[Search], fps: int, 
         active = sum(count > 0 for count in counts)
         game = np.repeat(np.arange(len(scenes)), counts)
         times = np.array([plan for plans in drawn for plan in plans])
-        steps = plan_to_steps(times, fps, "simulate")
+        steps = protocol.steps(times)
         firsts = [search.first + len(search.times) - count for search, count in zip(searches, counts, strict=True)]
         draws = np.concatenate([first + np.arange(count) for first, count in zip(firsts, counts, strict=True)])
-        labels = label_plans(scenes, game, steps, fps, draws + FIRST_RESET if exact else None, journal)
+        labels = label_plans(scenes, game, steps, protocol, draws + FIRST_RESET if exact else None, journal)
         for index in np.unique(game):
             own = game == index
             searches[index].add(steps[own], labels.take(own))

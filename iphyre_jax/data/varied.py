@@ -13,7 +13,6 @@ from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import label_plans
-from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene, vary
 
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by, as in training
@@ -44,7 +43,7 @@ def varied_plays(games: Sequence[Scene], count: int, plans: int, recipe: Recipe,
         games: the originals.
         count: variations of each.
         plans: of each variation; no two variations see the same stream of plans.
-        recipe: its fps, seed, sequences and split are used. Other seeds give other variations.
+        recipe: its protocol, seed, sequences and split are used. Other seeds give other variations.
         journal: keeps what is done.
 
     Returns:
@@ -56,7 +55,7 @@ def varied_plays(games: Sequence[Scene], count: int, plans: int, recipe: Recipe,
     first = recipe.seed * len(games) * count
     times = np.array([plan for k, scene in enumerate(scenes) for plan in _plans(scene, first + k, plans)])
     game = np.repeat(np.arange(len(scenes)), plans)
-    labels = label_plans(scenes, game, plan_to_steps(times, recipe.fps, "simulate"), recipe.fps, None, journal)
+    labels = label_plans(scenes, game, recipe.protocol.steps(times), recipe.protocol, None, journal)
     solved = np.bincount(game, labels.success, len(scenes)).astype(int).tolist()
     originals = [game.name for game, group in zip(games, groups, strict=True) for _ in group]
     entries: list[dict[str, Any]] = [

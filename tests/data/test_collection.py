@@ -133,11 +133,29 @@ def test_uniform_plans_reach_to_fifteen_seconds() -> None:
     assert made.steps.max() < len(official_clock(60))
 
 
+# Draws until 50 solve it at 10 fps as agents play: the rule in_advance, the second reset; measured with iphyre 0.2.3.
+OFFICIAL_10 = {"hole": 148, "support": 81}
+
+
+def test_counts_of_the_official_environment() -> None:
+    options = {"fps": 10, "rule": "in_advance", "resets": 2}
+    made = collect(list(OFFICIAL_10), failures=0, **options)
+    assert {entry["scene"]: entry["iterations"] for entry in made.manifest["scenes"]} == OFFICIAL_10
+    assert made.end_step.max() <= made.manifest["frames"] == 150
+    assert not verify(made)
+
+
 WRONG = {
+    "rule": ({"rule": "late"}, "rule: expected one of simulate, in_advance"),
+    "resets": ({"resets": 0}, "resets: expected a whole number"),
+    "late": ({"rule": "in_advance", "fps": 25}, "fps: expected a multiple of 10 for the rule in_advance"),
     "games": ({"games": []}, "scenes: expected a sequence of at least one"),
     "successes": ({"successes": -1}, "successes: expected a whole number"),
     "distribution": ({"distribution": "gauss"}, "distribution: expected one of official"),
-    "form": ({"form": "exact", "distribution": "mixed"}, "form: expected fresh for the distribution mixed"),
+    "form": (
+        {"form": "exact", "distribution": "mixed"},
+        "form: expected fresh for the distribution mixed and resets 1",
+    ),
     "fps": ({"fps": 5000}, "fps: expected at most 2183, with sequences a multiple of 10"),
     "rate": ({"fps": 25, "sequences": True}, "fps: expected at most 2183, with sequences a multiple of 10"),
     "seed": ({"seed": 2**32}, "seed: expected a whole number"),

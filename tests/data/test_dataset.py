@@ -106,7 +106,8 @@ HOSTILE = {
         {"scenes": [scene_entry(HOLE), scene_entry(HOLE) | {"sha256": "0"}]},
         r"scenes\[1\]: sha256: expected 0",
     ),
-    "missing": ({"rule": None}, "expected the bytes|rule: expected this field"),
+    "missing": ({"frames": None}, "frames: expected this field"),
+    "rule": ({"rule": None}, "rule: expected simulate or in_advance, got None"),
 }
 
 

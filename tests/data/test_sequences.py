@@ -8,7 +8,7 @@ import pytest
 from iphyre_jax import observation_table
 from iphyre_jax.compat import IPHYRE
 from iphyre_jax.data import Dataset, collect, save_dataset, tables
-from iphyre_jax.data.labels import play_poses
+from iphyre_jax.data.labels import PlayProtocol, play_poses
 from iphyre_jax.data.official_files import drawn_times
 from iphyre_jax.observations.official import LENGTH_COLUMNS
 from iphyre_jax.scenes import load_scene
@@ -66,7 +66,7 @@ def test_float32_poses_are_near(tmp_path: Path) -> None:
 def test_poses_after_k_frames_are_those_of_a_play_stopped_there() -> None:
     """Frame 0 is the start, and no frame is shifted by one."""
     scene = load_scene("hole")
-    poses = play_poses([scene], np.zeros(1, int), np.full((1, 6), -1), 60)
+    poses = play_poses([scene], np.zeros(1, int), np.full((1, 6), -1), PlayProtocol())
     assert poses.shape == (1, 150, 1, 3)
     np.testing.assert_array_equal(poses[0, 0, 0, :2], scene.balls[0, :2])
     fallen = poses[0, 1, 0, 1] - poses[0, 0, 0, 1]

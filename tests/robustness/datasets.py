@@ -1,6 +1,6 @@
 """Data sets against other sources: published counts, pymunk in the official order, and their own stored steps.
 
-    python tests/robustness/datasets.py                  counts of all forty games, time, and labels played again
+    python tests/robustness/datasets.py                  counts of all forty games, time, labels played again
     python tests/robustness/datasets.py --reference      the exact form against pymunk, game by game
     python tests/robustness/datasets.py --sets           the named sets, a fiftieth of each: labels, no shared play
     python tests/robustness/datasets.py --kill           killed at any moment, it goes on to the same bits
@@ -39,6 +39,13 @@ WAITS = {
     **dict(zip(SPLITS["noisy"], [91, 194, 89, 173, 448, 2472, 705, 127, 762, 113], strict=True)),
     **dict(zip(SPLITS["compositional"], [212, 178, 232, 807, 506, 1486, 59, 4143, 232, None], strict=True)),
     **dict(zip(SPLITS["multi_ball"], [433, 1125, 107, 2148, 345, 76, 165, 673, 127, 597], strict=True)),
+}
+# The same at 10 steps a second, as agents that plan ahead play. None: there were fewer than 50 after 5000.
+WAITS_10 = {
+    **dict(zip(SPLITS["basic"], [81, 192, 86, 148, 1096, None, 159, 134, 663, 112], strict=True)),
+    **dict(zip(SPLITS["noisy"], [91, 190, 91, 174, 1785, None, 327, 127, 877, 113], strict=True)),
+    **dict(zip(SPLITS["compositional"], [212, 177, 232, 812, 483, 1844, 66, None, 288, None], strict=True)),
+    **dict(zip(SPLITS["multi_ball"], [420, 518, 107, 2029, 438, 53, None, 716, 127, 798], strict=True)),
 }
 ITERATIONS = {"support": 122, "direction": 112, "noisy_support": 105, "noisy_direction": 116, "impulse_pendulum": 309}
 
@@ -122,6 +129,18 @@ def check_counts(games: Sequence[str]) -> list[str]:
     return problems
 
 
+def check_ten(games: Sequence[str]) -> list[str]:
+    """Collect 50 successes of each game at 10 steps a second, as the official environment plays."""
+    known = [game for game in games if WAITS_10[game]]
+    dataset = collect(known, failures=0, fps=10, rule="in_advance", resets=2, max_draws=5000, report=say)
+    waits = {entry["scene"]: entry["wait_successes"] for entry in dataset.manifest["scenes"]}
+    problems = [
+        f"{game}: expected {WAITS_10[game]}, got {wait}" for game, wait in waits.items() if wait != WAITS_10[game]
+    ]
+    write("counts-10", {"waits": waits, "problems": problems}, fps=10)
+    return problems + verify(dataset)
+
+
 def check_reference(games: Sequence[str], wanted: int) -> list[str]:
     """Compare the exact form with pymunk; each game is written as it is done."""
     problems, done = [], {}
@@ -194,9 +213,9 @@ def processor_seconds() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def write(name: str, content: dict[str, object]) -> None:
+def write(name: str, content: dict[str, object], fps: int = FPS) -> None:
     BUILD.mkdir(exist_ok=True)
-    replace_json(BUILD / f"datasets-{name}.json", {**content, "fps": FPS, "dtype": "float64", **provenance()})
+    replace_json(BUILD / f"datasets-{name}.json", {**content, "fps": fps, "dtype": "float64", **provenance()})
 
 
 def main() -> None:
@@ -213,7 +232,7 @@ def main() -> None:
     elif options.kill:
         problems = check_kills(options.kills)
     else:
-        problems = check_sets() if options.sets else check_counts(options.games)
+        problems = check_sets() if options.sets else check_counts(options.games) + check_ten(options.games)
     for problem in problems:
         print(problem)
     sys.exit(1 if problems else 0)
