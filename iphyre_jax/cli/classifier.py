@@ -46,7 +46,7 @@ class Compare:
     only: tuple[str, ...] = ()
     """Rows to train, by name; by default all."""
     weights: Path | None = None
-    """Folder for the best network of each row; by default they stay in the run folders alone."""
+    """Folder for the best network of each row that ships; by default they stay in the run folders alone."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ ROWS: Final = {
         settings("relations"),
     )
 }
-AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations")  # rows that play, beside random plans
+AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations")  # rows that ship, and play
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
 SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")
@@ -51,7 +51,7 @@ class Comparison:
     Attributes:
         root: folder of the run folders and of the data sets.
         out: the document.
-        weights: folder for the best network of each row; None to ship nothing.
+        weights: folder for the best network of each row of AGENTS; None to ship nothing.
     """
 
     root: Path = Path("build/outcome")
@@ -85,8 +85,6 @@ def make_row(
     state = runs.train(folder, config, learned, sets.choose, console)
     judged = judged_plays(sets, learned, varied)
     evaluation = runs.evaluate(folder, config, state, judged, natural_rates(sets.official))
-    if where.weights is not None:
-        storage.save_classifier(runs.shipped(config, state, evaluation), where.weights)
     storage.save_classifier(runs.shipped(config, state, evaluation), folder / "best")
     return state, evaluation
 
@@ -151,6 +149,8 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
             found[name] = storage.read_evaluation(where.root / name)
         if name in found and name in AGENTS:
             best = storage.load_classifier(name, where.root / name / "best")
+            if where.weights is not None:
+                storage.save_classifier(best, where.weights)
             agents[name] = play_agent(where, name, ranking_agent(best), console)
         report.write(where.out, found, agents, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")

@@ -112,3 +112,14 @@ def test_drawn_plays_are_balanced() -> None:
     assert index.shape == (50, 100)
     assert np.asarray(counts).all()
     assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
+
+
+@pytest.mark.parametrize("name", storage.names())
+def test_what_ships_loads_and_judges(name: str) -> None:
+    loaded = storage.load_classifier(name)
+    assert loaded.config.name == name
+    assert 0.5 < loaded.origin["accuracy"]["held-out basic"] < 1
+    chances = runs.judge(loaded.config, loaded.params, HELD)
+    assert chances.shape == (1, len(HELD))
+    assert ((chances >= 0) & (chances <= 1)).all()
+    assert chances.std() > 0.01
