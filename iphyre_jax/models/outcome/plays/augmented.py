@@ -17,7 +17,7 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.data.dataset import SCHEMA, VERSION, Dataset, load_dataset, save_dataset, scene_entry
-from iphyre_jax.data.labels import DTYPE, FRESH, frames, label_plans
+from iphyre_jax.data.labels import DTYPE, PlayProtocol, label_plans
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
@@ -81,17 +81,18 @@ def scenes_of(game: str, count: int, seed: int) -> tuple[Scene, ...]:
 
 def play(scenes: Sequence[Scene], game: npt.NDArray[np.int32], times: Floats, draw: npt.NDArray[np.int32]) -> Dataset:
     """Play plans in float64 and keep what became of them."""
-    steps = plan_to_steps(times, FPS, "simulate")
-    outcomes = label_plans(scenes, game, steps, FPS)
+    protocol = PlayProtocol(FPS)
+    steps = plan_to_steps(times, protocol.fps, protocol.rule)
+    outcomes = label_plans(scenes, game, steps, protocol)
     manifest = {
         "schema": SCHEMA,
         "version": VERSION,
         "distribution": "official and neighbours of solutions",
         "form": "fresh",
-        "fps": FPS,
-        "rule": "simulate",
-        "frames": frames(FPS),
-        "resets": FRESH,
+        "fps": protocol.fps,
+        "rule": protocol.rule,
+        "frames": protocol.frames,
+        "resets": protocol.resets,
         "dtype": DTYPE,
         "seed": STREAM,
         "split": "train",
