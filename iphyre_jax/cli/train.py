@@ -17,6 +17,7 @@ from rich.table import Table
 from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.files import check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -137,6 +138,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
         return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
         config, state = runs.load(command.run, command.checkpoint)
+        check_writable(command.run, str(command.run))
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         _evaluate_and_report(command.run, config, state, games, console)
         return 0
