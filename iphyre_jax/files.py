@@ -164,6 +164,16 @@ def naming(file: Path) -> Iterator[None]:
         raise
 
 
+def check_writable(folder: Path, name: str) -> None:
+    """Learn that a folder cannot be written before the work whose result goes there.
+
+    Raises:
+        PermissionError: it cannot; one line that begins with `name`.
+    """
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{one_line(name)}: expected a folder that can be written, and {folder} cannot")
+
+
 def replace_bytes(path: Path, content: bytes) -> None:
     """Write a file in place of an older one; it is whole at any moment."""
     with replacing(path) as draft:

@@ -35,11 +35,11 @@ def check_start(needed: float) -> None:
         needed: bytes of address space.
 
     Raises:
-        ValueError: less is left; one line with both figures.
+        MemoryError: less is left; one line with both figures.
     """
     if needed > (left := _of_process()):
         figures = f"expected {_gigabytes(needed)} of address space for JAX to start, got {_gigabytes(max(0, left))}"
-        raise ValueError(f"ulimit -v: {figures}; allow at least 2 GB, and more on a machine of many cores")
+        raise MemoryError(f"ulimit -v: {figures}; allow at least 2 GB, and more on a machine of many cores")
 
 
 def available() -> int:

@@ -48,8 +48,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter complains as it ends
         return OUTPUT_CLOSED
-    except (ValueError, OSError) as error:
-        return _fail(str(error))
+    except (ValueError, OSError, MemoryError) as error:
+        return _fail(str(error) or "out of memory")
     except SystemExit as end:  # of the parser: --help and wrong options
         return end.code if isinstance(end.code, int) else ERROR if end.code else 0
     except KeyboardInterrupt:

@@ -21,6 +21,7 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.files import check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -144,6 +145,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
         return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
         config, state = runs.load(command.run, command.checkpoint)
+        check_writable(command.run, str(command.run))
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         if command.attempts is not None:
             check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)

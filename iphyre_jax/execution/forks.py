@@ -32,7 +32,7 @@ def check_fork() -> None:
 
     Raises:
         RuntimeError: the process was forked from one that had used the package; one line.
-        ValueError: JAX has not started, and `ulimit -v` leaves it too little; one line.
+        MemoryError: JAX has not started, and `ulimit -v` leaves it too little; one line.
     """
     pid = os.getpid()
     if _use.pid is None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from iphyre_jax.checks import one_line, show, whole_fps
-from iphyre_jax.files import parse_json
+from iphyre_jax.files import check_writable, parse_json
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.codec import check_object
 from iphyre_jax.scenes.errors import raise_problems
@@ -114,8 +114,7 @@ def open_plays(path: Path) -> None:
     """
     name = one_line(str(path))
     if not path.exists():
-        if not os.access(path.parent, os.W_OK):
-            raise PermissionError(f"{name}: expected a file in a folder that can be written")
+        check_writable(path.parent, name)
         return
     if not path.is_file():
         raise ValueError(f"{name}: expected a file of plays, got something that is no file")

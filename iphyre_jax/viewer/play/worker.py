@@ -78,6 +78,8 @@ def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         recording = record(scene, request["plan"], resets=request["resets"], **settings)
     except ValueError as error:
         return {"error": str(error), "is_mistake": True}, b""
+    except MemoryError:
+        os._exit(1)  # as where a library finds none: the server says what that means
     except Exception as error:  # of any type: the server must learn of it
         return {"error": f"{type(error).__name__}: {error}".partition("\n")[0], "is_mistake": False}, b""
     content = _pack(recording)

@@ -163,6 +163,16 @@ def test_a_folder_in_use_is_refused(finished: loop.TrainingResult, capsys: pytes
     assert (finished.folder / "metrics.csv").read_text() == before
 
 
+def test_a_read_only_folder_is_not_evaluated(
+    finished: loop.TrainingResult, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its games would be played first, for minutes."""
+    monkeypatch.setattr(train_commands, "evaluate", lambda *_: pytest.fail("it plays"))
+    monkeypatch.setattr("os.access", lambda path, mode: path != finished.folder)  # root may write everywhere
+    assert cli.run(["evaluate", str(finished.folder)]) == 2
+    assert capsys.readouterr().err.startswith(f"iphyre-jax: {finished.folder}: expected a folder that can be written")
+
+
 def test_damaged_folders_get_one_line(finished: loop.TrainingResult, tmp_path: Path) -> None:
     cases = {
         "missing": "there is no config.json",
