@@ -85,7 +85,7 @@ def edge_pairs(
     Args:
         scenes: to search.
         count: pairs of each scene; it has fewer if `recipe.max_draws` random plans do not suffice. `support` has none:
-            whoever removes both blocks within 7 s solves it.
+            all of its plans with both removals solve it.
         recipe: its protocol, seed, sequences and split are used.
         known: plays of each scene that no pair may contain, as `play_keys` gives them.
         journal: keeps what is done.
