@@ -181,16 +181,16 @@ def check_kills(kills: int) -> list[str]:
     begin = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        options = ["collect", "hole", "support", "--successes", "1500", "--failures", "1500", "--sequences"]
+        options = ["collect", "hole", "support", "--successes", "1000", "--failures", "100", "--sequences"]
         command = [sys.executable, "-m", "iphyre_jax", *options, "--out"]
         seconds = -time.monotonic()
         subprocess.run([*command, str(folder / "whole.npz")], check=True, stdout=subprocess.DEVNULL)
         seconds += time.monotonic()
         whole = (folder / "whole.npz").read_bytes()
-        while killed < kills:
+        while killed < kills or not ended:
             process = subprocess.Popen([*command, str(folder / "killed.npz")], stdout=subprocess.DEVNULL)
             try:
-                process.wait(rng.uniform(0.1, 1.1) * seconds)
+                process.wait(rng.uniform(0.1, 1.1) * seconds if killed < kills else None)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
