@@ -38,7 +38,7 @@ BASIC: Final = SPLITS["basic"]
 FEW_SOLVE: Final = "seesaw"  # of the basic games; one random plan in 45 solves it
 MOST_SCALE: Final = 1_000
 LARGE_SEED, PAIR_SEED, VARIED_SEED, GRADED_SEED = 1, 2, 1, 2  # official and test share the seed 0
-MOST_DRAWS: Final = 100_000  # of a game for basic-large and pairs
+MOST_DRAWS: Final = 100_000  # of a game for basic-large
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class _Sets:
 
     def _pairs(self, journal: Journal) -> Dataset:
         scenes, count = self._scenes((*GAMES, *UNSEEN)), self._count(50)
-        recipe = replace(self._recipe, distribution="pairs", seed=PAIR_SEED, max_draws=MOST_DRAWS, unique=True)
+        recipe = replace(self._recipe, distribution="pairs", seed=PAIR_SEED, unique=True)
         recipe = replace(recipe, split="test")
         return edge_pairs(scenes, count, recipe, self._known(["official", "test"], scenes), journal)
 

@@ -6,7 +6,7 @@ tells the two apart; chance is one half. The search looks at the neighbours of r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, islice
 from typing import Final
@@ -19,7 +19,7 @@ from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL, OFFICIAL_SECONDS, Plan, random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import Labels, PlayProtocol, label_plans
-from iphyre_jax.data.search import play_keys
+from iphyre_jax.data.search import STALE, play_keys
 from iphyre_jax.scenes import Scene
 
 ROUND: Final = 256  # draws of a scene at a time
@@ -37,10 +37,25 @@ class _PairSearch:
     plans: list[Tenths] = field(default_factory=list)
     ends: list[Labels] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)  # of the draws
+    tried: set[bytes] = field(default_factory=set)  # plans whose neighbours were looked at
+    stale: int = 0  # draws in a row that brought no new plan
 
     def pairs(self) -> int:
         """Return how many pairs there are."""
         return len(self.plans) // 2
+
+    def next_plans(self, stream: Iterator[Plan], most: int) -> tuple[Tenths, Tenths]:
+        """Draw a round of plans; return the new ones, (B, S) tenths of a second, and the numbers of their draws."""
+        plans = [np.rint(np.array(plan) / INTERVAL).astype(np.int64) for plan in islice(stream, most)]
+        is_new = []
+        for plan in plans:
+            is_new.append(plan.tobytes() not in self.tried)
+            self.tried.add(plan.tobytes())
+        self.stale = 0 if any(is_new) else self.stale + max(len(plans), 1)
+        new = np.flatnonzero(is_new)
+        numbers = self.draws + new
+        self.draws += len(plans)
+        return np.array(plans, np.int64).reshape(len(plans), -1)[new], numbers
 
 
 def moved_plans(plan: Tenths) -> list[Tenths]:
@@ -69,7 +84,8 @@ def edge_pairs(
 
     Args:
         scenes: to search.
-        count: pairs of each scene; it has fewer if `recipe.max_draws` random plans do not suffice.
+        count: pairs of each scene; it has fewer if `recipe.max_draws` random plans do not suffice. `support` has none:
+            all of its plans with both removals solve it.
         recipe: its protocol, seed, sequences and split are used.
         known: plays of each scene that no pair may contain, as `play_keys` gives them.
         journal: keeps what is done.
@@ -80,8 +96,11 @@ def edge_pairs(
     streams = [random_plans(scene, "official", recipe.seed) for scene in scenes]
     searches = [_PairSearch(set(plays)) for plays in known]
     rngs = [np.random.default_rng([recipe.seed, PAIR_STREAM, index]) for index in range(len(scenes))]
-    while active := [k for k, s in enumerate(searches) if s.pairs() < count and s.draws < recipe.max_draws]:
-        drawn = {k: _tenths(list(islice(streams[k], min(ROUND, recipe.max_draws - searches[k].draws)))) for k in active}
+    while active := [k for k, search in enumerate(searches) if _goes_on(search, count, recipe.max_draws)]:
+        found = {
+            k: searches[k].next_plans(streams[k], min(ROUND, recipe.max_draws - searches[k].draws)) for k in active
+        }
+        drawn = {k: plans for k, (plans, _) in found.items()}
         labels = _label(scenes, drawn, recipe.protocol, journal)
         solved = {k: np.flatnonzero(labels[k].success & (labels[k].fault == 0)) for k in active}
         nearby = {k: [moved_plans(drawn[k][row]) for row in solved[k]] for k in active}
@@ -90,17 +109,15 @@ def edge_pairs(
         for k in flat:
             groups = np.split(np.arange(len(flat[k])), np.cumsum([len(plans) for plans in nearby[k]])[:-1])
             for row, group in zip(solved[k], groups, strict=True):
-                base = (drawn[k][row], labels[k].take(np.array([row])), searches[k].draws + int(row))
+                base = (drawn[k][row], labels[k].take(np.array([row])), int(found[k][1][row]))
                 if searches[k].pairs() < count:
                     _add_pair(searches[k], base, flat[k][group], ends[k].take(group), rngs[k], recipe.protocol)
-        for k in active:
-            searches[k].draws += max(len(drawn[k]), 1)  # a game whose plans are all drawn ends too
         journal.report(f"{sum(s.pairs() for s in searches)} of {count * len(scenes)} pairs")
     return _dataset(scenes, searches, recipe, journal)
 
 
-def _tenths(plans: list[Plan]) -> Tenths:
-    return np.rint(np.array(plans) / INTERVAL).astype(np.int64)
+def _goes_on(search: _PairSearch, count: int, most: int) -> bool:
+    return search.pairs() < count and search.draws < most and search.stale < STALE
 
 
 def _label(

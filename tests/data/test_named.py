@@ -7,7 +7,8 @@ import pytest
 
 from iphyre_jax.data import NAMED_SETS, Dataset, known_plays, named_set, repeated_plays, shared_plays, verify
 from iphyre_jax.data import named as named_module
-from iphyre_jax.data.pairs import moved_plans
+from iphyre_jax.data.pairs import _goes_on, _PairSearch, moved_plans
+from iphyre_jax.data.search import STALE
 from iphyre_jax.data.varied import level_of
 
 OPTIONS = {"scale": 10, "games": ["hole", "unseen_hole"]}
@@ -78,6 +79,20 @@ def test_a_set_is_made_once_and_a_changed_file_refused(tmp_path: Path, monkeypat
     file.write_bytes(file.read_bytes()[:-1] + b"x")
     with pytest.raises(ValueError, match=r"official-60fps-v1-.*npz: expected the bytes of its manifest"):
         named_set("official", scale=50, games=["hole"], folder=tmp_path)
+
+
+def test_a_game_without_pairs_ends() -> None:
+    """Whoever removes both blocks of support within 7 s solves it; each plan is played once."""
+    search = _PairSearch(set())
+    stream = iter([[0.1, 0.2]] * (2 * STALE))
+    first, numbers = search.next_plans(stream, 256)
+    assert (first.tolist(), numbers.tolist()) == ([[1, 2]], [0])
+    rounds = 0
+    while _goes_on(search, 1, 10**6):
+        assert len(search.next_plans(stream, 256)[0]) == 0
+        rounds += 1
+    assert rounds == STALE // 256
+    assert search.draws == STALE + 256
 
 
 def test_levels() -> None:
