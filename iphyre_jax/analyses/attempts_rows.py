@@ -40,7 +40,7 @@ def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
         return {**plain, "k": k, "runs": runs, "feedback": feedback, "seed": 0}, play
 
     planners = {
-        f"planner, {sigma:g} px, {plans} plans": row(Planner(plans, sigma, fps=fps), 5, 2)
+        f"planner, {sigma:g} px, {plans} plans": row(Planner(plans, sigma, **common), 5, 2)
         for sigma in (0.0, 1.0, 2.0, 5.0)
         for plans in (100, 300)
     }

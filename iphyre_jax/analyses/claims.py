@@ -1,4 +1,4 @@
-"""The paper's claims, each with a figure, an interval and a verdict, worked out from data anew.
+"""The paper's claims, each with a figure, an interval and a judgement, worked out from data anew.
 
 Verdicts: "holds", "does not hold", "partly", "open" (the data for it is not there).
 """
@@ -30,7 +30,7 @@ class Claim(NamedTuple):
 
     text: str
     figure: str
-    verdict: str
+    judgement: str
 
 
 def claims(policies: Sequence[Policy], oracle: Mapping[str, Row], difficulty: Mapping[str, Row] | None) -> list[Claim]:
@@ -142,16 +142,16 @@ def _difficulty(rows: Mapping[str, Row] | None) -> list[Claim]:
         if "seesaw" in game
     }
     return [
-        Claim(texts[0], f"Spearman of iterations and people's scores: {found}", _verdict(found.high < 0)),
+        Claim(texts[0], f"Spearman of iterations and people's scores: {found}", _holds(found.high < 0)),
         Claim(
             texts[1],
             "geometric mean of iterations: " + ", ".join(f"{split} {value:.0f}" for split, value in splits.items()),
-            _verdict(max(splits, key=lambda split: splits[split]) == "compositional"),
+            _holds(max(splits, key=lambda split: splits[split]) == "compositional"),
         ),
         Claim(
             texts[2],
             ", ".join(f"{game} {counts[game]:,}" for game in hardest),
-            _verdict(set(hardest) == {"seesaw_angle", "activated_pendulum"}),
+            _holds(set(hardest) == {"seesaw_angle", "activated_pendulum"}),
         ),
         Claim(
             texts[3],
@@ -161,7 +161,7 @@ def _difficulty(rows: Mapping[str, Row] | None) -> list[Claim]:
     ]
 
 
-def _verdict(holds: bool) -> str:
+def _holds(holds: bool) -> str:
     return "holds" if holds else "does not hold"
 
 
@@ -194,7 +194,7 @@ def _failures(policies: Sequence[Policy], oracle: Mapping[str, Row]) -> Claim:
     return Claim(
         text,
         f"{figure}: {100 * found.value:.0f} % [{100 * found.low:.0f}, {100 * found.high:.0f}]",
-        _verdict(not others),
+        _holds(not others),
     )
 
 
@@ -235,13 +235,13 @@ def _language_model() -> Claim:
     return Claim(
         "The language model solves support and noisy_support only",
         f"mean reward above 0, which needs a solved game: {', '.join(positive)}",
-        _verdict(set(positive) <= {"basic", "noisy"}),
+        _holds(set(positive) <= {"basic", "noisy"}),
     )
 
 
 def document(found: Sequence[Claim]) -> str:
     """Return the document."""
-    cells = [[claim.text, claim.figure, claim.verdict] for claim in found]
+    cells = [[claim.text, claim.figure, claim.judgement] for claim in found]
     return (
         "\n\n".join(
             [

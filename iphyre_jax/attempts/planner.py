@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.protocol import Attempt
-from iphyre_jax.checks import check_least, check_whole, whole_fps
+from iphyre_jax.checks import check_dtype, check_least, check_resets, check_whole, whole_fps
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.geometry import Layouts
@@ -32,6 +32,7 @@ class Planner:
         sigma: px, standard deviation of each object's displacement in x and in y; 0 for none.
         copies: displaced scenes in which each plan is imagined; without displacement one is enough.
         fps: physics steps a second, in the imagination.
+        resets: number of the reset, in the imagination.
         dtype: of the imagined physics.
     """
 
@@ -39,6 +40,7 @@ class Planner:
     sigma: float = 0.0
     copies: int = 3
     fps: int = 60
+    resets: int = 1
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
@@ -46,6 +48,8 @@ class Planner:
         check_least("sigma", self.sigma, 0, what="pixels")
         check_whole("copies", self.copies)
         whole_fps(self.fps)
+        check_resets(self.resets)
+        check_dtype(self.dtype)
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
         """Propose the k best plans, the best first; those imagined first are first among equals."""
@@ -59,6 +63,7 @@ class Planner:
             np.repeat(np.arange(len(scenes)), self.plans),
             np.tile(plan_to_steps(times, self.fps, "simulate"), (len(scenes), 1)),
             fps=self.fps,
+            resets=self.resets,
             dtype=self.dtype,
         ).reward
         best = np.argsort(-reward.reshape(len(scenes), self.plans).mean(axis=0), kind="stable")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from iphyre_jax.analyses.rows import Row, read_rows
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.files import replace_text
+from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
 
 What = Literal[
@@ -57,6 +59,7 @@ def run(command: Analyse, console: Console) -> None:
     """
     for what in command.what or tuple(DOCUMENTS):
         text = DOCUMENTS[what](command, console)
+        text += f"\n## Origin of this document\n\n```json\n{json.dumps(provenance(), indent=1)}\n```\n"
         command.out.mkdir(parents=True, exist_ok=True)
         file = command.out / f"{what}.md"
         replace_text(file, text)

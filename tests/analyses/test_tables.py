@@ -35,8 +35,8 @@ def test_claims_are_complete_and_judged() -> None:
     counts = {game: {"to_successes": 100 + place} for place, game in enumerate(GAMES)}
     found = claims(policies(), shipped(10), counts)
     assert len({claim.text for claim in found}) == len(found) == 15
-    assert all(claim.verdict.split(":")[0] in ("holds", "does not hold", "partly", "open") for claim in found)
+    assert all(claim.judgement.split(":")[0] in ("holds", "does not hold", "partly", "open") for claim in found)
     by_text = {claim.text: claim for claim in found}
-    assert by_text["Compositional games are hardest"].verdict == "does not hold"  # the last ten places are multi-ball
-    open_ones = {claim.text for claim in claims(policies(), shipped(10), None) if claim.verdict == "open"}
+    assert by_text["Compositional games are hardest"].judgement == "does not hold"  # the last ten places are multi-ball
+    open_ones = {claim.text for claim in claims(policies(), shipped(10), None) if claim.judgement == "open"}
     assert "Difficulty by sampling agrees with people" in open_ones
