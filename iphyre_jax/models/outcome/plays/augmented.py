@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from rich.console import Console
 
+from iphyre_jax.attempts import agents
 from iphyre_jax.data.dataset import SCHEMA, VERSION, Dataset, load_dataset, save_dataset, scene_entry
 from iphyre_jax.data.labels import DTYPE, PlayProtocol, label_plans
 from iphyre_jax.plans import plan_to_steps
@@ -28,8 +29,6 @@ PLANS: Final = 24  # random plans of each scene
 NEIGHBOURS: Final = 8  # on average, plans near solutions of each scene
 ADDED: Final = 3  # blocks at most
 REMOVABLE: Final = 0.6  # chance that an added block can be removed, if there are slots left
-INSTANTS: Final = 70  # of the official distribution: 0, 0.1, ..., 6.9 s
-STAYS: Final = 0.2  # chance that a block stays, beside the instant 0
 MOVE: Final = 0.5  # s, the most by which a neighbour's times differ
 FPS: Final = 60
 STREAM: Final = 104_729  # seeds of these variations: not those that agents train on
@@ -38,15 +37,9 @@ Floats = npt.NDArray[np.float32]
 
 
 def random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
-    """Plans of the official distribution: different instants, and each block stays with a chance.
-
-    Returns:
-        (count, 6) s; NaN for a block that stays or is not there.
-    """
+    """Plans of the official distribution, (count, 6) s; NaN for a block that stays or is not there."""
     plans = np.full((count, MAX_ELIMINABLE), np.nan, np.float32)
-    instants = rng.permuted(np.tile(np.arange(INSTANTS), (count, 1)), axis=1)[:, :blocks]
-    stays = (instants == 0) | (rng.random((count, blocks)) < STAYS)
-    plans[:, :blocks] = np.where(stays, np.nan, instants / DECISIONS_PER_SECOND)
+    plans[:, :blocks] = agents.random_plans(rng, blocks, count)
     return plans
 
 
