@@ -1,4 +1,4 @@
-"""A world does not depend on its neighbours, on room that it does not use, or on how its steps are compiled."""
+"""A world does not depend on its neighbours or on room that it does not use."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from iphyre_jax import Scene, Simulation, load_scene, physics, rollouts, simulate, simulate_many
+from iphyre_jax import Scene, Simulation, load_scene, rollouts, simulate, simulate_many
 from iphyre_jax.physics import Topology, World
 from iphyre_jax.scenes import compile as builder
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 from tests.physics.worlds import DTYPES, make_scene
+
+pytestmark = pytest.mark.usefixtures("few_optimisations")  # `test_compiled_steps` has them all
 
 FPS = 10
 STEPS = 150
@@ -158,30 +160,6 @@ def test_a_removed_bar_lets_the_ball_fall(dtype: str) -> None:
     np.testing.assert_allclose(played.samples[0, : len(steps), 1, 1], fall, **exact)
     np.testing.assert_array_equal(played.success, [True, False])
     assert np.isnan(played.samples[0, 1:, 0]).all()
-
-
-@pytest.mark.slow
-@both
-def test_compiled_steps_equal_plain_ones(dtype: str) -> None:
-    """A ball pressed onto a bar, three steps without jit: in float64 bit for bit, no product is fused with a sum."""
-    scene = make_scene([(300.0, 170.5, 20.0)], [(200.0, 190.0, 400.0, 210.0)])
-    topology, world = compile_scene(scene, dtype=dtype)
-    times = step_timing(60, dtype)
-    step = partial(physics.step, topology)
-    with jax.enable_x64(dtype == "float64"):
-        state = plain = physics.initial_state(topology, world)
-        for _ in range(3):
-            state = jax.jit(step)(world, times, state)
-        with jax.disable_jit():
-            for _ in range(3):
-                plain = step(world, times, plain)
-    assert float(state.motion.angular_velocity[0]) != 0
-    one, two = ([np.asarray(leaf) for leaf in jax.tree.leaves(tree)] for tree in (state, plain))
-    for a, b in zip(one, two, strict=True):
-        if dtype == "float64" or a.dtype.kind != "f":
-            np.testing.assert_array_equal(a, b)
-        else:
-            np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-4)
 
 
 GROOVE = [(100.0, 300.0, 300.0, 400.0), (300.0, 400.0, 500.0, 300.0)]  # a ball in it touches both bars
