@@ -88,7 +88,8 @@ test-kill: .venv/.stamp ## 40 kills of training runs, 20 of them while saving, e
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 	$(FAULT_SCRIPT)/damage.py
 
-test-learners: .venv/.stamp ## every learner beats the random agent on two games within a minute
+test-learners: .venv/.stamp ## every learner on all probes with known answers, and against the random agent on two games
+	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/train/algos
 	$(PY) tests/robustness/beats_random.py
 
 test-data: .venv/.stamp ## data sets: counts of all forty games, pymunk in the official order, labels of the named sets; an hour

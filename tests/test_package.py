@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = {"train", "parity", "tensorboard", "brax", "gymnasium", "gymnax", "viewer", "dev", "docs", "all", "browser"}
+EXTRAS = {"train", "parity", "tensorboard", "viewer", "dev", "docs", "all", "browser"}
+EXTRAS |= {"brax", "dm-env", "gymnasium", "gymnax", "jumanji", "minari"}
 TARGETS = ("help", "venv", "run", "test", "test-fast", "lint", "parity", "wheel", "bench")
 
 

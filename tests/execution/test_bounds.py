@@ -28,7 +28,10 @@ BOUNDED_BY_NATURE = {
     "font": "sizes of a font",
     "best_plays": "no arguments",
     "figures": "no arguments",
+    "paper_facts": "no arguments",
     "paper_numbers": "no arguments",
+    "policies": "no arguments",
+    "shipped": "the two rates of the package's data",
     "shared_simulator": "no arguments",
 }
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+from collections.abc import Iterable
 from typing import Any, get_args
 
 import jax
@@ -98,8 +100,14 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
     return 1000.0 * np.exp(-np.square((15 * action[:, 0] - GOALS[scene]) / 2.5))
 
 
+def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
+    """Those for every run of the tests, one on and one off policy; `make test-learners` tries the others too."""
+    rest = pytest.mark.skipif(not os.environ.get("IPHYRE_JAX_CHECK_ALL"), reason="make test-learners tries every learner")
+    return [pytest.param(name, marks=() if name in kept else rest) for name in names]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PLANNING)
+@pytest.mark.parametrize("name", of_each_kind(PLANNING, {"ppo time_grid", "ddpg"}))
 def test_what_is_seen_decides_when(name: str) -> None:
     probe = Probe(("support", "spring"), 1, early_or_late)
     config = planner(name)
@@ -112,7 +120,7 @@ def right_so_far(k: int, action: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", FLYING)
+@pytest.mark.parametrize("name", of_each_kind(FLYING, {"a2c", "sac"}))
 def test_what_pays_later_is_learned(name: str) -> None:
     """Needs values that look ahead: a reward two decisions later is due to this one."""
     probe = Probe(("support",), 3, lambda scene, k, _, good: 1000.0 * (good & (k == 2)), right_so_far)
