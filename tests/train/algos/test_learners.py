@@ -102,7 +102,9 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
 
 def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
     """Those for every run of the tests, one on and one off policy; `make test-learners` tries the others too."""
-    rest = pytest.mark.skipif(not os.environ.get("IPHYRE_JAX_CHECK_ALL"), reason="make test-learners tries every learner")
+    rest = pytest.mark.skipif(
+        not os.environ.get("IPHYRE_JAX_CHECK_ALL"), reason="make test-learners tries every learner"
+    )
     return [pytest.param(name, marks=() if name in kept else rest) for name in names]
 
 
