@@ -41,6 +41,7 @@ PARTS = (
     "train",
     "viewer",
     "data",
+    "intervals",
     "attempts",
     "models",
     "analyses",

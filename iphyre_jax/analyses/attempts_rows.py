@@ -14,10 +14,11 @@ from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
 from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
-from iphyre_jax.attempts.metrics import auccess, best_reward, interval, solved_curve, solved_curve_of_independent
+from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
 from iphyre_jax.attempts.planner import Planner
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
+from iphyre_jax.intervals import mean_interval
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.storage.pretrained import load_pretrained, names
@@ -152,5 +153,5 @@ def _curve(row: Row, game: str, k: int) -> list[float]:
 
 def _spread(values: Sequence[float]) -> str:
     """A mean in % with its interval over games."""
-    found = interval(np.asarray(values, np.float64))
-    return f"{100 * found.mean:.1f} [{100 * found.low:.0f}, {100 * found.high:.0f}]"
+    found = mean_interval(values)
+    return f"{100 * found.value:.1f} [{100 * found.low:.0f}, {100 * found.high:.0f}]"

@@ -12,11 +12,12 @@ import numpy as np
 
 from iphyre_jax.analyses.difficulty import agreement, iterations
 from iphyre_jax.analyses.failures import sources
-from iphyre_jax.analyses.figures import COLUMNS, Estimate, by_split, mean_difference, pearson, share, with_interval
+from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference, pearson, share
 from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.analyses.rows import Row
 from iphyre_jax.analyses.shipped import Policy
 from iphyre_jax.analyses.tables import paper_facts, unseen_difference
+from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 
@@ -61,7 +62,7 @@ def _strategies(policies: Mapping[str, Policy]) -> list[Claim]:
         for agent in ("ppo", "a2c", "sac"):
             pair = [policies[f"{agent}-{kind}"].values("sampled") for kind in ("i", letter)]
             ahead, other = ([values[game] for game in COLUMNS["basic"]] for values in pair)
-            found[f"{agent}-{letter}"] = with_interval(mean_difference, other, ahead)
+            found[f"{agent}-{letter}"] = bootstrap(mean_difference, other, ahead)
     on_the_fly = {name: each for name, each in found.items() if name.endswith("o")}
     combined = {name: each for name, each in found.items() if name.endswith("c")}
     better = sum(each.low > 0 for each in on_the_fly.values())
@@ -95,7 +96,7 @@ def _splits() -> list[Claim]:
         name: scores for name, scores in paper_numbers()["agents"].items() if name not in ("Human", "Oracle", "Random")
     }
     follows = {
-        split: with_interval(
+        split: bootstrap(
             pearson,
             [scores["basic"][0] for scores in agents.values()],
             [scores[split][0] for scores in agents.values()],

@@ -13,12 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from iphyre_jax.analyses.figures import COLUMNS, Estimate, share, spearman, with_interval
+from iphyre_jax.analyses.figures import COLUMNS, share, spearman
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.analyses.search import play_plans_of
 from iphyre_jax.data.draws import random_plans
+from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, load_scene
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
@@ -89,7 +90,7 @@ def success_rates(seeds: Sequence[Mapping[str, Row]]) -> dict[str, tuple[int, in
 def agreement(rows: Mapping[str, Row], games: Sequence[str] = GAMES) -> Estimate:
     """Return the rank correlation of iterations with people's scores, with its interval over games."""
     people = scores_of_people()
-    return with_interval(spearman, [iterations(rows[game]) for game in games], [people[game] for game in games])
+    return bootstrap(spearman, [iterations(rows[game]) for game in games], [people[game] for game in games])
 
 
 def solvers(game: str) -> int:

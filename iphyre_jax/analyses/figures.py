@@ -1,14 +1,15 @@
-"""Figures of analyses: rank correlation, intervals, means by split."""
+"""Figures of analyses: rank correlation, shares, means by split."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Final, NamedTuple
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.intervals import Estimate
 from iphyre_jax.scenes import GAMES, SPLITS
 
 TESTED: Final = ("basic", "noisy", "compositional", "multi_ball")
@@ -16,20 +17,8 @@ COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {**{split: SPLITS[split] for spl
 """The paper's splits and all forty games."""
 
 _NORMAL: Final = 1.959963984540054  # 97.5 % quantile of the normal distribution
-_RESAMPLES: Final = 10_000
 
 Floats = npt.NDArray[np.float64]
-
-
-class Estimate(NamedTuple):
-    """A figure with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
 def by_split(values: Mapping[str, float]) -> dict[str, float]:
@@ -64,16 +53,6 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
 def mean_difference(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
     """Return the mean (...) of second - first, (..., N)."""
     return np.asarray((np.asarray(second, np.float64) - np.asarray(first, np.float64)).mean(axis=-1), np.float64)
-
-
-def with_interval(
-    statistic: Callable[[Floats, Floats], Floats], first: Sequence[float], second: Sequence[float]
-) -> Estimate:
-    """Return a statistic of N pairs with its percentile bootstrap interval over pairs, 10,000 resamples of seed 0."""
-    one, two = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    picked = np.random.default_rng(0).integers(0, len(one), (_RESAMPLES, len(one)))
-    low, high = np.quantile(statistic(one[picked], two[picked]), [0.025, 0.975])
-    return Estimate(float(statistic(one, two)), float(low), float(high))
 
 
 def share(successes: int, trials: int) -> Estimate:

@@ -8,8 +8,9 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from iphyre_jax.analyses.figures import COLUMNS, Estimate, by_split, mean_difference, with_interval
+from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference
 from iphyre_jax.analyses.shipped import LETTERS, Policy
+from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 
@@ -63,7 +64,7 @@ def unseen_difference(policy: Policy, kind: str = "greedy") -> Estimate:
     values = policy.values(kind)
     basic = [values[game] for game in COLUMNS["basic"]]
     unseen = [values[f"unseen_{game}"] for game in COLUMNS["basic"]]
-    return with_interval(mean_difference, basic, unseen)
+    return bootstrap(mean_difference, basic, unseen)
 
 
 def within_template_document(policies: Sequence[Policy]) -> str:

@@ -1,30 +1,16 @@
-"""Measures of attempts: the share of games solved within k, its area AUCCESS, and intervals over games.
+"""Measures of attempts: the share of games solved within k, and its area AUCCESS.
 
 Shapes: G games, R runs of k attempts each.
 """
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
-
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import check_whole
 
-LEVEL: Final = 0.95
-RESAMPLES: Final = 10_000
-_SEED: Final = 0  # of the resamples
-
 Floats = npt.NDArray[np.float64]
-
-
-class Interval(NamedTuple):
-    """A mean over games with its percentile bootstrap interval at LEVEL."""
-
-    mean: float
-    low: float
-    high: float
 
 
 def solved_curve(success: npt.NDArray[np.bool_]) -> Floats:
@@ -70,11 +56,3 @@ def auccess(curve: npt.ArrayLike) -> Floats:
 def best_reward(reward: Floats) -> Floats:
     """Return the best reward within 1, ..., k attempts, mean over runs, (G, k), of rewards (G, R, k)."""
     return np.asarray(np.maximum.accumulate(reward, axis=2).mean(axis=1), np.float64)
-
-
-def interval(values: npt.ArrayLike) -> Interval:
-    """Return the mean over games, (G,), with its percentile bootstrap interval: 10,000 resamples of games, seed 0."""
-    scores = np.asarray(values, np.float64)
-    picked = np.random.default_rng(_SEED).integers(0, len(scores), (RESAMPLES, len(scores)))
-    low, high = np.quantile(scores[picked].mean(axis=1), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Interval(float(scores.mean()), float(low), float(high))

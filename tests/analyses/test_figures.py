@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from iphyre_jax.analyses.figures import by_split, ranks, share, spearman, with_interval
+from iphyre_jax.analyses.figures import by_split, ranks, share, spearman
+from iphyre_jax.intervals import bootstrap
 from iphyre_jax.scenes import GAMES
 
 
@@ -24,7 +25,7 @@ def test_wilson_interval_agrees_with_scipy() -> None:
 
 
 def test_interval_of_a_correlation_holds_it() -> None:
-    found = with_interval(spearman, list(range(20)), [*range(10), *range(19, 9, -1)])
+    found = bootstrap(spearman, list(range(20)), [*range(10), *range(19, 9, -1)])
     assert found.low < found.value < found.high
 
 

@@ -6,7 +6,6 @@ import pytest
 from iphyre_jax.attempts.metrics import (
     auccess,
     best_reward,
-    interval,
     solved_curve,
     solved_curve_of_independent,
 )
@@ -56,10 +55,3 @@ def test_more_attempts_than_plays_are_refused() -> None:
 def test_best_reward_never_falls() -> None:
     reward = np.array([[[-10.0, 970.0, 0.0], [960.0, -20.0, 980.0]]])
     assert best_reward(reward).tolist() == [[475.0, 965.0, 975.0]]
-
-
-def test_interval_holds_the_mean_and_narrows() -> None:
-    few, many = interval([0.0, 1.0] * 5), interval([0.0, 1.0] * 50)
-    assert few.mean == many.mean == 0.5
-    assert few.low < many.low < 0.5 < many.high < few.high
-    assert interval([0.3] * 4) == pytest.approx((0.3, 0.3, 0.3))

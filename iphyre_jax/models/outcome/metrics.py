@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from iphyre_jax.intervals import mean_interval
+
 BINS: Final = 10  # of a reliability plot
 
 Bools = npt.NDArray[np.bool_]
@@ -115,11 +117,7 @@ def at_rate(chance: Floats, rate: float) -> Floats:
     return np.asarray(odds / (1 + odds))
 
 
-def games_interval(by_game: Floats, resamples: int = 10_000) -> tuple[float, float]:
+def games_interval(by_game: Floats) -> tuple[float, float]:
     """95 % bootstrap interval over games of the mean of `by_game` (G,)."""
     values = by_game[~np.isnan(by_game)]
-    if not len(values):
-        return float("nan"), float("nan")
-    drawn = np.random.default_rng(0).integers(len(values), size=(resamples, len(values)))
-    low, high = np.percentile(values[drawn].mean(axis=1), (2.5, 97.5))
-    return float(low), float(high)
+    return mean_interval(values)[1:] if len(values) else (float("nan"), float("nan"))
