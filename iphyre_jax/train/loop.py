@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from iphyre_jax.files import locked
 from iphyre_jax.train import trainer
+from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, runs
@@ -87,7 +87,7 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
     log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
     finished, saved = False, time.monotonic()
     try:
-        with _progress(console) as progress:
+        with training_progress(console) as progress:
             status = "compiling the physics of the games"
             task = progress.add_task("train", total=config.updates, completed=int(state.update), status=status)
             for _ in range(int(state.update), config.updates):
@@ -110,20 +110,6 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
                 log.close()
             draw_curve(folder, config)
     return TrainingResult(folder, state, finished)
-
-
-def _progress(console: Console) -> Progress:
-    """The progress bar: updates, time, rate and current reward."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=None),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[status]}"),
-        console=console,
-    )
 
 
 def _status(metrics: Metrics, config: TrainConfig) -> str:

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.files import locked, replace_json
@@ -30,6 +29,7 @@ from iphyre_jax.models.outcome.training import (
     train_chunk,
 )
 from iphyre_jax.provenance import provenance
+from iphyre_jax.train.progress import training_progress
 
 SAMPLE: Final = 5000  # plays of the training set that are judged, if it is larger
 GREAT: Final = 200  # scenes of a data set from which on it has no column for each game
@@ -64,7 +64,7 @@ def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, 
         state, history = start(config, material), History(*[jnp.zeros((0, config.seeds))] * 3)
         if (saved := storage.load(folder, state)) is not None:
             state, history = saved
-        with _progress(console) as progress:
+        with training_progress(console) as progress:
             bar = progress.add_task(config.name, total=config.epochs, completed=len(history.loss), status="compiling")
             for first in range(len(history.loss), config.epochs, config.chunk):
                 state, made = train_chunk(config, material, jnp.int32(first), state)
@@ -73,19 +73,6 @@ def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, 
                 status = f"loss {history.loss[-1].mean():.3f}  held out {100 * history.held_accuracy[-1].mean():.1f} %"
                 progress.update(bar, advance=config.chunk, status=status)
     return state
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=None),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[status]}"),
-        console=console,
-    )
 
 
 def judge(config: OutcomeConfig, params: Any, plays: Dataset) -> npt.NDArray[np.float64]:  # noqa: ANN401 - a tree
