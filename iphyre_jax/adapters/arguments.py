@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,12 @@ from iphyre_jax.checks import MAX_SEED, check_whole
 from iphyre_jax.envs.spaces import Discrete, Space
 
 SEEDS = 2**31  # seeds of keys, drawn from an environment's generator
+
+
+def refuse_options(options: Mapping[str, object], names: tuple[str, ...], why: str) -> None:
+    """Raise ValueError, one line, if options of `iphyre_jax.make` hold one that the adapter decides itself."""
+    if taken := [name for name in names if name in options]:
+        raise ValueError(f"{taken[0]}: expected none{why}")
 
 
 def checked_seed(seed: object) -> int | None:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
 
+from iphyre_jax.adapters.arguments import refuse_options
 from iphyre_jax.envs import make
 
 
@@ -45,8 +46,7 @@ class BraxEnv(Env):
     """
 
     def __init__(self, id: str, **options: Any) -> None:  # noqa: ANN401
-        if "autoreset" in options:
-            raise ValueError("autoreset: expected none, because brax's wrapper resets")
+        refuse_options(options, ("autoreset",), ", because brax's wrapper resets")
         self.env, self.params = make(id, autoreset=False, **options)
         self._on_the_fly = self.env.strategy.name == "on-the-fly"
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from dm_env import specs
 
-from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed
+from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.envs import EnvState, make
 from iphyre_jax.envs.spaces import Discrete
@@ -32,8 +32,7 @@ class DmEnv(dm_env.Environment):
     """
 
     def __init__(self, id: str, *, seed: int | None = None, **options: Any) -> None:  # noqa: ANN401
-        if "autoreset" in options:
-            raise ValueError("autoreset: expected none, because the interface says when to reset")
+        refuse_options(options, ("autoreset",), ", because the interface says when to reset")
         self._random = np.random.default_rng(checked_seed(seed))
         self.env, self.params = make(id, autoreset=False, **options)
         self._x64 = self.env.dtype == "float64"

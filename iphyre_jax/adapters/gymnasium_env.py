@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed
+from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import check_instance, show
 from iphyre_jax.envs import EnvParams, EnvState, make
@@ -54,8 +54,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     def __init__(self, id: str, *, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
         check_render_mode(render_mode)
-        if "autoreset" in options:
-            raise ValueError("autoreset: expected none, because the user resets a gymnasium.Env")
+        refuse_options(options, ("autoreset",), ", because the user resets a gymnasium.Env")
         self.env, self.params = make(id, autoreset=False, **options)
         self.render_mode = render_mode
         self.observation_space = space_of(self.env.observation_space())

@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed
+from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.adapters.gymnasium_env import (
     RENDER_SIZE,
@@ -75,8 +75,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     ) -> None:
         check_whole("num_envs", num_envs, 1, MAX_WORLDS)
         check_render_mode(render_mode)
-        if "autoreset" in options:
-            raise ValueError("autoreset: expected none; say autoreset_mode, one of gymnasium.vector.AutoresetMode")
+        refuse_options(options, ("autoreset",), "; say autoreset_mode, one of gymnasium.vector.AutoresetMode")
         chosen = getattr(autoreset_mode, "value", autoreset_mode)
         self._mode = _MODES[check_option("autoreset_mode", chosen, tuple(_MODES))]
         same_step = self._mode == AutoresetMode.SAME_STEP

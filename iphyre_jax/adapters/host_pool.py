@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.adapters.arguments import checked_action
+from iphyre_jax.adapters.arguments import checked_action, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
 from iphyre_jax.envs import Environment, EnvParams, EnvState, make
@@ -70,8 +70,8 @@ class HostPool:
         if num_envs % self.batch_size:
             raise ValueError(f"batch_size: expected a divisor of {num_envs}, got {batch_size}")
         self._seed = check_whole("seed", seed, 0, MAX_SEED)
-        if taken := [name for name in ("autoreset", "final_observation") if name in options]:
-            raise ValueError(f"{taken[0]}: expected none, because the pool resets and tells the final observation")
+        decided = ("autoreset", "final_observation")
+        refuse_options(options, decided, ", because the pool resets and tells the final observation")
         self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
         check_batch("num_envs", self.env, num_envs)
         self.observation_space, self.action_space = self.env.observation_space(), self.env.action_space()

@@ -12,6 +12,7 @@ from jumanji import specs
 from jumanji.env import Environment as JumanjiEnvironment
 from jumanji.types import StepType, TimeStep, restart
 
+from iphyre_jax.adapters.arguments import refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.envs import EnvState, make
 from iphyre_jax.envs.spaces import Discrete
@@ -46,8 +47,7 @@ class JumanjiEnv(JumanjiEnvironment[JumanjiState, specs.Array, jax.Array]):
     """
 
     def __init__(self, id: str, **options: Any) -> None:  # noqa: ANN401
-        if "autoreset" in options:
-            raise ValueError("autoreset: expected none, because jumanji's wrapper resets")
+        refuse_options(options, ("autoreset",), ", because jumanji's wrapper resets")
         self.env, self.params = make(id, autoreset=False, **options)
         super().__init__()
 
