@@ -8,7 +8,7 @@ import math
 import os
 import socket
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -85,6 +85,34 @@ def read_json_object(path: Path, max_bytes: int = MAX_JSON) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: expected an object, got {type(content).__name__}")
     return content
+
+
+def read_versioned(path: Path, schema: str, versions: Sequence[int], max_bytes: int = MAX_JSON) -> dict[str, Any]:
+    """Return the JSON object in a file of a schema.
+
+    Args:
+        path: of the file.
+        schema: its field `schema`.
+        versions: those of its field `version` that are read, the present one last.
+        max_bytes: of the file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such object; one line naming the file.
+    """
+    content = read_json_object(path, max_bytes)
+    if content.get("schema") != schema or content.get("version") not in versions:
+        raise ValueError(
+            f'{path}: expected schema "{schema}", version {versions[-1]}, got {show(content.get("schema"))}'
+        )
+    return content
+
+
+def pack_npz(arrays: Mapping[str, npt.ArrayLike]) -> bytes:
+    """Return a compressed NPZ file's bytes; equal arrays give equal bytes."""
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **{name: np.asarray(array) for name, array in arrays.items()})  # type: ignore[arg-type]
+    return packed.getvalue()
 
 
 def read_npz(file: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:

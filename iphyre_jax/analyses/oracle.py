@@ -18,7 +18,7 @@ from iphyre_jax.analyses.orders import BlockOrder, executed_order, feasible_orde
 from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.analyses.search import decide, search_plans
 from iphyre_jax.analyses.slack import slack_of
-from iphyre_jax.files import read_json_object, replace_text
+from iphyre_jax.files import read_json_object, read_versioned, replace_text
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import GAMES, load_scene
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
@@ -99,10 +99,7 @@ def shipped(fps: int) -> Mapping[str, Row]:
         ValueError, OSError: one line; the file is damaged or missing.
     """
     file = file_of(fps)
-    content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
-        raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}')
-    return {row["game"]: row for row in content["games"]}
+    return {row["game"]: row for row in read_versioned(file, SCHEMA, (VERSION,))["games"]}
 
 
 def orders_of(row: Row) -> set[BlockOrder]:

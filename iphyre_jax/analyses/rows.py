@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import MAX_JSON, read_json_object, replace_json
+from iphyre_jax.files import MAX_JSON, read_versioned, replace_json
 from iphyre_jax.provenance import provenance
 
 SCHEMA: Final = "iphyre_jax/analysis-row"
@@ -48,9 +48,7 @@ def read_row(file: Path, settings: Mapping[str, Any] | None = None) -> Row:
         ValueError: it holds a row of other settings, or something else; one line.
         OSError: it cannot be read.
     """
-    content = read_json_object(file, MAX_JSON)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
-        raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}, got {show(content.get("schema"))}')
+    content = read_versioned(file, SCHEMA, (VERSION,), MAX_JSON)
     row = content.get("row")
     if not isinstance(row, dict):
         raise ValueError(f"{file}: row: expected an object, got {show(row)}")

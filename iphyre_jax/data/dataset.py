@@ -13,7 +13,6 @@ A reader refuses a changed byte of either file.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
 import os
@@ -27,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import is_list, one_line, show
-from iphyre_jax.files import parse_json, read_npz, replace_bytes
+from iphyre_jax.files import pack_npz, parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
 from iphyre_jax.rules import NEVER
@@ -139,9 +138,7 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
     npz, manifest = check_path(path)
     arrays = dataset.arrays()
     _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **arrays)  # type: ignore[arg-type]
-    content = packed.getvalue()
+    content = pack_npz(arrays)
     described = {
         **{key: value for key, value in dataset.manifest.items() if key not in ("arrays", "npz", "sha256")},
         "arrays": {name: _describe(array) for name, array in arrays.items()},

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -22,11 +21,18 @@ from typing import Any, Final
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 
 from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.files import read_json_object, read_npz, replace_bytes, replace_json, replace_text
+from iphyre_jax.files import (
+    pack_npz,
+    read_json_object,
+    read_npz,
+    read_versioned,
+    replace_bytes,
+    replace_json,
+    replace_text,
+)
 from iphyre_jax.models.outcome.networks.fusion import network
 from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes, scene_inputs
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings_from_json
@@ -34,6 +40,7 @@ from iphyre_jax.models.outcome.training import History, OutcomeState, Params
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
+from iphyre_jax.train.storage.weights import restored, verify_sum
 
 SCHEMA: Final = "iphyre_jax/outcome-run"
 WEIGHTS_SCHEMA: Final = "iphyre_jax/outcome-classifier"
@@ -79,10 +86,7 @@ def read_config(folder: Path) -> OutcomeConfig:
     file = folder / CONFIG
     if not file.is_file():
         raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
-    content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
-        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
-    return settings_from_json(content.get("settings"), str(file))
+    return settings_from_json(read_versioned(file, SCHEMA, (VERSION,)).get("settings"), str(file))
 
 
 def read_evaluation(folder: Path) -> dict[str, Any]:
@@ -94,16 +98,13 @@ def read_evaluation(folder: Path) -> dict[str, Any]:
     file = folder / EVALUATION
     if not file.is_file():
         raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
-    content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") != VERSION:
-        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
-    return content
+    return read_versioned(file, SCHEMA, (VERSION,))
 
 
 def save(folder: Path, state: OutcomeState, history: History) -> None:
     """Write state and measurements of a run after some epochs."""
     arrays = {**named_arrays(state), **{HISTORY + name: value for name, value in history._asdict().items()}}
-    replace_bytes(folder / STATE, _packed(arrays))
+    replace_bytes(folder / STATE, pack_npz(arrays))
     lines = ["epoch,loss,held_loss,held_accuracy"]
     for number, row in enumerate(zip(*(np.asarray(each).mean(axis=1) for each in history), strict=True), start=1):
         lines.append(",".join([str(number), *(f"{value:.5f}" for value in row)]))
@@ -125,29 +126,7 @@ def load(folder: Path, like: OutcomeState) -> tuple[OutcomeState, History] | Non
         return None
     arrays = read_npz(file, MAX_STATE)
     history = [arrays.pop(HISTORY + name, np.zeros(0)) for name in History._fields]
-    return _restored(arrays, like, file), History(*(jnp.asarray(each) for each in history))
-
-
-def _packed(arrays: Mapping[str, Any]) -> bytes:
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **{name: np.asarray(value) for name, value in arrays.items()})  # type: ignore[arg-type]
-    return packed.getvalue()
-
-
-def _restored(arrays: Mapping[str, npt.NDArray[Any]], like: Any, file: Path) -> Any:  # noqa: ANN401 - any tree
-    """A tree like another, with arrays by their names.
-
-    Raises:
-        ValueError: one line; an array is missing, unknown, or of another shape.
-    """
-    expected = named_arrays(like)
-    for key in sorted({*expected, *arrays}):
-        if key not in expected or key not in arrays:
-            raise ValueError(f"{file}: {key}: {'not expected' if key in arrays else 'missing'}")
-        if arrays[key].shape != expected[key].shape:
-            raise ValueError(f"{file}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
-    leaves = [jnp.asarray(arrays[key], leaf.dtype) for key, leaf in expected.items()]
-    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+    return restored(arrays, like, file), History(*(jnp.asarray(each) for each in history))
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +159,7 @@ def rounded(params: Params, seed: int) -> Params:
 def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
     """Write the two files of a classifier; its parameters are `rounded`."""
     halves = {name: np.asarray(leaf, np.float16) for name, leaf in named_arrays(classifier.params).items()}
-    content = _packed(halves)
+    content = pack_npz(halves)
     described = {
         "schema": WEIGHTS_SCHEMA,
         "version": VERSION,
@@ -202,15 +181,11 @@ def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
     described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
     if not (described.is_file() and arrays.is_file()):
         raise ValueError(f"classifier: expected one of {', '.join(names(folder)) or 'none'}; got {show(name)}")
-    content = read_json_object(described)
-    if content.get("schema") != WEIGHTS_SCHEMA or content.get("version") != VERSION:
-        raise ValueError(f"{described}: expected schema {WEIGHTS_SCHEMA}, version {VERSION}")
+    content = read_versioned(described, WEIGHTS_SCHEMA, (VERSION,))
     config = settings_from_json(content.get("settings"), str(described))
-    with arrays.open("rb") as opened:
-        if hashlib.file_digest(opened, "sha256").hexdigest() != content.get("sha256"):
-            raise ValueError(f"{arrays}: damaged: it does not have the SHA-256 sum of {described.name}")
+    verify_sum(arrays, content.get("sha256"))
     like = jax.eval_shape(lambda: _one_network(config))
-    params = _restored(read_npz(arrays, MAX_STATE), like, arrays)
+    params = restored(read_npz(arrays, MAX_STATE), like, arrays)
     return OutcomeClassifier(name, dataclasses.replace(config, seeds=1), params, content.get("origin", {}))
 
 

@@ -16,10 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_least, show
-from iphyre_jax.files import read_json_object
+from iphyre_jax.files import read_versioned
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA, VERSION
+from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
@@ -75,9 +75,7 @@ def read(path: Path) -> Evaluated:
     config, file = runs.read_config(path), path / runs.EVALUATION
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
-    content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") not in READABLE:
-        raise ValueError(f"{file}: expected schema {SCHEMA}, version {VERSION}")
+    content = read_versioned(file, SCHEMA, READABLE)
     return Evaluated(path, config, {game["game"]: game for game in _checked_games(content.get("games"), file)})
 
 

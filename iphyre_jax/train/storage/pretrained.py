@@ -12,7 +12,6 @@ NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -23,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.files import read_json_object, read_npz, replace_bytes, replace_json
+from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algos.base import State
@@ -33,6 +32,7 @@ from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage.checkpoint import named_arrays
+from iphyre_jax.train.storage.weights import restored, verify_sum
 
 SCHEMA: Final = "iphyre_jax/pretrained"
 VERSION: Final = 2  # version 1 has the names of `old_names`
@@ -108,19 +108,18 @@ def save_pretrained(
         origin: JSON values: how the policy was chosen and where it was trained.
         folder: to write into.
     """
-    packed = io.BytesIO()
-    np.savez_compressed(packed, **{key: _stored(leaf) for key, leaf in named_arrays(state).items()})  # type: ignore[arg-type]
+    packed = pack_npz({key: _stored(leaf) for key, leaf in named_arrays(state).items()})
     content = {
         "schema": SCHEMA,
         "version": VERSION,
         "agent": config.agent_name,
         "settings": config.to_json(),
-        "sha256": hashlib.sha256(packed.getvalue()).hexdigest(),
+        "sha256": hashlib.sha256(packed).hexdigest(),
         "origin": {**origin, "evaluated": provenance()},
         "scores": {key: scores[key] for key in ("splits", "games", "faults")},
     }
     folder.mkdir(parents=True, exist_ok=True)
-    replace_bytes(folder / f"{name}.npz", packed.getvalue())
+    replace_bytes(folder / f"{name}.npz", packed)
     replace_json(folder / f"{name}.json", content)
 
 
@@ -141,9 +140,7 @@ def differences(policy: Pretrained, evaluation: Evaluation) -> list[str]:
 
 def _description(file: Path) -> dict[str, Any]:
     """The content of NAME.json."""
-    content = read_json_object(file)
-    if content.get("schema") != SCHEMA or content.get("version") not in (1, VERSION):
-        raise ValueError(f'{file}: expected schema "{SCHEMA}", version {VERSION}')
+    content = read_versioned(file, SCHEMA, (1, VERSION))
     for key in ("settings", "sha256", "origin", "scores"):
         if key not in content:
             raise ValueError(f"{file}: {key} is missing")
@@ -163,16 +160,8 @@ def _state(config: TrainConfig, source: Path, sha256: str, *, old: bool) -> Stat
         ValueError: one line naming `source`; it is damaged, or its arrays are not those of the settings.
     """
     like = jax.eval_shape(lambda: algorithm(config).inference_state(init(config, jax.random.key(0))))
-    expected = named_arrays(like)
-    most = sum(leaf.size * leaf.dtype.itemsize for leaf in expected.values()) + SLACK
-    with source.open("rb") as opened:
-        if hashlib.file_digest(opened, "sha256").hexdigest() != sha256:
-            raise ValueError(f"{source}: damaged: it does not have the SHA-256 sum of {source.stem}.json")
+    most = sum(leaf.size * leaf.dtype.itemsize for leaf in named_arrays(like).values()) + SLACK
+    verify_sum(source, sha256)
     arrays = {old_names.array_path(key) if old else key: array for key, array in read_npz(source, most).items()}
-    for key in sorted({*expected, *arrays}):
-        if key not in expected or key not in arrays:
-            raise ValueError(f"{source}: {key}: {'not expected' if key in arrays else 'missing'}")
-        if arrays[key].shape != expected[key].shape:
-            raise ValueError(f"{source}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
-    leaves = [jnp.asarray(arrays[key], expected[key].dtype) for key in expected]
-    return jax.tree.unflatten(jax.tree.structure(like), leaves)
+    state: State = restored(arrays, like, source)
+    return state
