@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
@@ -17,6 +18,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 import jax
 import pytest
 from hypothesis import HealthCheck, settings
+
+from iphyre_jax.execution.compilation import executables
+from iphyre_jax.execution.compilation.executables import Run
+from iphyre_jax.execution.programs import Program
+
+TESTS = Path(__file__).parent
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # jax_numpy_dtype_promotion stays "standard": masks (bool) and counts (int32) multiply floats in rewards and losses.
@@ -36,12 +43,53 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
-@pytest.fixture(scope="module")
-def few_optimisations() -> Iterator[None]:
-    """What the tests of a module compile in this process, is compiled quickly: it works on a few numbers.
+# Here the engine's programs are compiled as they are for users. All other tests ask what the code means, not what a
+# compiler makes of it; they work on a few numbers, and most of their time would be spent on optimising.
+AS_FOR_USERS = (
+    "benchmarks",
+    "execution",
+    "parity",
+    "physics/collision",
+    "physics/test_batching.py",
+    "physics/test_compiled_steps.py",
+    "test_determinism.py",
+    "test_simulation.py",
+    "test_simulation_reference.py",
+)
+LLVM_LEVEL = {"--xla_backend_optimization_level": "0"}
+_quick_programs: dict[Program, Run] = {}
 
-    Not for tests whose claim is about compiled programs. The engine's programs come from processes of their own.
-    """
+
+@contextmanager
+def quick_jax() -> Iterator[None]:
+    """Let JAX compile with few optimisations in this process."""
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+@contextmanager
+def quick_engine() -> Iterator[None]:
+    """Let processes of the engine compile with few optimisations; the two kinds of programs are never mixed up."""
+    usual = executables.options_for
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(executables, "options_for", lambda lanes: {**usual(lanes), **LLVM_LEVEL})
+        patch.setattr(executables, "_loaded", _quick_programs)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Compile quickly what a module tries, unless it is of AS_FOR_USERS."""
+    if request.path.relative_to(TESTS).as_posix().startswith(AS_FOR_USERS):
+        yield
+        return
+    with quick_jax(), quick_engine():
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_optimisations() -> Iterator[None]:
+    """For a module of AS_FOR_USERS: what this process itself compiles is no claim of the module."""
+    with quick_jax():
+        yield

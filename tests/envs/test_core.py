@@ -19,8 +19,6 @@ from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.scenes.compile import compile_scene
 
-pytestmark = pytest.mark.usefixtures("few_optimisations")
-
 BATCH = 8
 
 

@@ -19,8 +19,6 @@ from parity.engines.reference import ReferenceWorld
 from parity.official.drivers import DRIVERS, combined, random_actions
 from parity.official.environments import replay
 
-pytestmark = pytest.mark.usefixtures("few_optimisations")
-
 OFFICIAL = PROTOCOLS["official"]
 FREE = jnp.zeros(6, bool)
 ALL = jnp.ones(6, bool)

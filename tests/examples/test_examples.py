@@ -14,8 +14,6 @@ import pytest
 from iphyre_jax import load_scene, make, simulate
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 
-pytestmark = pytest.mark.usefixtures("few_optimisations")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

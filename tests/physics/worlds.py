@@ -54,6 +54,11 @@ def _step(topology: Topology, dtype: str) -> Any:
     return jax.jit(partial(physics.step, topology))
 
 
+@cache
+def _initial_state(topology: Topology, dtype: str) -> Any:
+    return jax.jit(partial(physics.initial_state, topology))
+
+
 class Bench:
     """One world without lanes, for tests that set velocities or look at them.
 
@@ -73,7 +78,7 @@ class Bench:
         self.topology, self.world = compile_scene(scene, dtype=dtype)
         self.timing = step_timing(fps, dtype)
         with self.context():
-            self.state: State = physics.initial_state(self.topology, self.world)
+            self.state: State = _initial_state(self.topology, dtype)(self.world)
             motion = self.state.motion
             if velocity is not None:
                 x, y = np.asarray(velocity, dtype).T
