@@ -33,7 +33,7 @@ from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.train.trainer import RunState
 
 ATTEMPT_RUNS = 5  # of `evaluate --attempts`
-CHOSEN_FIRST = ("agent", "strategy", "preset")  # they decide the defaults of the other settings
+CHOSEN_FIRST = {"agent": "ppo", "strategy": "in-advance", "preset": "default"}  # they decide the other defaults
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Train:
     """
 
     config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes, tyro.conf.AvoidSubcommands] = field(
-        default_factory=TrainConfig
+        default_factory=preset
     )
     out: Path | None = None
     """The run folder, new or empty; by default a new one under runs/."""
@@ -100,13 +100,12 @@ def defaults(arguments: Sequence[str]) -> Train:
         ValueError: one line; there is no such agent, strategy or preset.
     """
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
-    base = TrainConfig()
-    for name in CHOSEN_FIRST:
-        parser.add_argument(f"--{name}", default=getattr(base, name))
+    for name, value in CHOSEN_FIRST.items():
+        parser.add_argument(f"--{name}", default=value)
     try:
         known, _ = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:  # an option without its value: the real parser reports it
-        return Train(base)
+        return Train()
     return Train(preset(known.agent, known.strategy, known.preset))
 
 

@@ -66,7 +66,7 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
         (["train", "--updates", "0"], "updates: expected at least 1"),
         (["train", "--agent", "dqn"], "agent, strategy: expected one of ppo in-advance"),
         (["train", "--agent", "td3"], "agent, strategy: expected one of ppo in-advance"),
-        (["train", "--preset", "best"], "preset: expected one of default, paper, got 'best'"),
+        (["train", "--preset", "best"], "preset: expected one of default, quick, paper, got 'best'"),
         (["evaluate", "no-such-folder"], "no-such-folder: not a run folder"),
         (["verify-pretrained", "no-such-policy"], "name: expected one of a2c-c, a2c-i"),
         (["score", "no-such-file"], "no-such-file: expected a file of plays"),

@@ -25,7 +25,7 @@ def main() -> int:
         chance = preset("random", strategy)
         random = evaluate(replace(chance, sampled_episodes=200), trainer.start(chance).learner, GAMES).mean("sampled")
         for agent in (name for name, spec in AGENTS.items() if strategy in spec.strategies and name != "random"):
-            config = replace(preset(agent, strategy), games=GAMES)
+            config = replace(preset(agent, strategy, "quick"), games=GAMES)
             runner = trainer.Trainer(config, trainer.start(config))
             runner.update_step()
             begun = time.monotonic()

@@ -27,8 +27,8 @@ SAVING = 20  # of them, at least, with a checkpoint half written or half removed
 KILLS_OF_A_RUN = 5
 LONGEST_SAVE = 0.3  # s, from the first file of a checkpoint to the kill
 GAMES = ("support", "hole")
-COMMON = ["--games", *GAMES, "--hidden-sizes", "16", "--checkpoint-seconds", "0", "--sampled-episodes", "1"]
-COMMON += ["--updates", "30", "--episodes-per-scene", "8"]
+COMMON = ["--preset", "quick", "--games", *GAMES, "--hidden-sizes", "16", "--checkpoint-seconds", "0"]
+COMMON += ["--updates", "30", "--episodes-per-scene", "8", "--sampled-episodes", "1"]
 SETTINGS = {
     "ppo": ["--minibatches", "2"],
     "sac": ["--warmup", "64", "--gradient-steps", "4", "--buffer-size", "256"],

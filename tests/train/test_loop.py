@@ -30,6 +30,8 @@ CONFIG = TrainConfig(
     games=("support", "hole"), hidden_sizes=(8,), updates=3, checkpoint_seconds=0.0, learner=PPO(minibatches=2)
 )
 OPTIONS = [
+    "--preset",
+    "quick",
     "--games",
     *CONFIG.games,
     "--hidden-sizes",

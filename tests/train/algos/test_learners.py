@@ -307,4 +307,4 @@ def test_every_preset_can_work() -> None:
                 config.check()
                 assert (config.agent, config.strategy, config.preset) == (agent, strategy, name)
                 assert type(config.learner).__name__.lower() == agent
-    assert preset() == TrainConfig()
+    assert preset(name="quick") == TrainConfig()

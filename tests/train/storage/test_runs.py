@@ -320,7 +320,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
     for config in (*table.values(), *of_paper.values()):
         config.check()
     text = agents.document([compare.read(finished.folder)], ["ppo-i seed 1"], tmp_path, "results")
-    for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I default", "paper: PPO-I", "### Time", "jaxlib"):
+    for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I quick", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text
     names = sorted(entry.name for entry in tmp_path.iterdir())
