@@ -86,7 +86,7 @@ def test_results_carry_their_origin(finished: loop.TrainingResult) -> None:
         assert content["settings"]["seed"] == TINY.seed
         assert content["settings"]["fps"] == 10
         assert content["settings"]["dtype"] == "float32"
-        assert content["agent"].startswith("PPO in-advance, default preset")
+        assert content["agent"].startswith("PPO in-advance, quick preset")
         assert content["agent"].endswith("time_grid head, 10 fps, seed 0")
         assert content["versions"]["jax"] == jax.__version__
         assert content["device"].startswith("cpu")
