@@ -255,7 +255,7 @@ def dataset_of(scenes: Sequence[Scene], found: Sequence[Sequence[Search]], recip
 def build(
     scenes: Sequence[Scene],
     game: Ints,
-    times: npt.NDArray[np.float64],
+    times: npt.NDArray[np.floating[Any]],
     columns: Mapping[str, npt.NDArray[Any]],
     recipe: Recipe,
     journal: Journal,

@@ -43,6 +43,10 @@ class Labels:
         """Return some of the plays; rows: indices or a mask."""
         return Labels(*(getattr(self, column.name)[rows] for column in fields(self)))
 
+    def columns(self, draw: Ints) -> dict[str, npt.NDArray[Any]]:
+        """Return the columns of a `Dataset` that these are, with the number of each draw."""
+        return {"success": self.success, "end_step": self.end_step, "removals": self.removals, "draw": draw}
+
     @classmethod
     def join(cls, parts: Sequence[Labels]) -> Labels:
         """Return the plays of all parts in turn."""

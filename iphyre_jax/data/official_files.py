@@ -135,9 +135,9 @@ def _labelled(
     labels = label_plans(scenes, game, recipe.protocol.steps(times), recipe.protocol, None, journal)
     other = ~np.isnan(stated[:, 0]) & ((stated[:, 0] != labels.success) | (stated[:, 1] != labels.removals))
     draw = np.concatenate([np.arange(len(times)) for times, _ in read])
-    columns = {"success": labels.success, "end_step": labels.end_step, "removals": labels.removals, "draw": draw}
     entries = [{**scene_entry(scene), "other_labels": int(other[game == k].sum())} for k, scene in enumerate(scenes)]
-    return build(scenes, game, times, columns, recipe, journal, {"source": "official files", "scenes": entries})
+    manifest = {"source": "official files", "scenes": entries}
+    return build(scenes, game, times, labels.columns(draw), recipe, journal, manifest)
 
 
 def _read_game(game: Path, scene: Scene) -> tuple[Floats, Floats]:

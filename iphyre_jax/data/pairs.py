@@ -160,8 +160,7 @@ def _add_pair(
 def _dataset(scenes: Sequence[Scene], searches: Sequence[_PairSearch], recipe: Recipe, journal: Journal) -> Dataset:
     plans = [np.array(plan * INTERVAL) for search in searches for plan in search.plans]
     ends = Labels.join([end for search in searches for end in search.ends])
-    columns = {"success": ends.success, "end_step": ends.end_step, "removals": ends.removals}
-    columns["draw"] = np.array([number for search in searches for number in search.numbers], np.int32)
+    columns = ends.columns(np.array([number for search in searches for number in search.numbers], np.int32))
     game = np.repeat(np.arange(len(scenes)), [len(search.plans) for search in searches])
     entries = [
         {**scene_entry(scene), "draws": search.draws, "successes": search.pairs(), "failures": search.pairs()}

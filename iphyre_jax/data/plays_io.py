@@ -164,8 +164,7 @@ def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
     steps = np.array([[*play.plan, *[NEVER] * (slots - len(play.plan))] for play in given], np.int64)
     protocol = PlayProtocol(rates[0])
     labels = label_plans(scenes, game, steps, protocol)
-    columns = {name: getattr(labels, name) for name in ("success", "end_step", "removals")}
-    columns["draw"] = np.array([int((game[:k] == game[k]).sum()) for k in range(len(game))])
+    columns = labels.columns(np.array([int((game[:k] == game[k]).sum()) for k in range(len(game))]))
     entries = [{**scene_entry(scene), "players": _players(given, scene)} for scene in scenes]
     times = np.where(steps == NEVER, np.nan, steps / rates[0])
     recipe = Recipe(distribution="plays", protocol=protocol)

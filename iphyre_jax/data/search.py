@@ -122,8 +122,5 @@ def kept_rows(search: Search) -> dict[str, npt.NDArray[Any]]:
     slots = len(search.times[0]) if search.times else 0
     return {
         "times": np.array(search.times, np.float64).reshape(-1, slots)[rows],
-        "success": search.labels.success[rows],
-        "end_step": search.labels.end_step[rows],
-        "removals": search.labels.removals[rows],
-        "draw": search.first + rows,
+        **search.labels.take(rows).columns(search.first + rows),
     }

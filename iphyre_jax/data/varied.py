@@ -63,8 +63,7 @@ def varied_plays(games: Sequence[Scene], count: int, plans: int, recipe: Recipe,
         for scene, of, share in zip(scenes, originals, solved, strict=True)
     ]
     sound = labels.fault == 0
-    columns = {name: getattr(labels, name)[sound] for name in ("success", "end_step", "removals")}
-    columns["draw"] = np.tile(np.arange(plans), len(scenes))[sound]
+    columns = labels.take(sound).columns(np.tile(np.arange(plans), len(scenes))[sound])
     return build(scenes, game[sound], times[sound], columns, recipe, journal, {"edges": list(EDGES), "scenes": entries})
 
 

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.attempts import agents
-from iphyre_jax.data.dataset import SCHEMA, VERSION, Dataset, load_dataset, save_dataset, scene_entry
-from iphyre_jax.data.labels import DTYPE, PlayProtocol, label_plans
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_entry
+from iphyre_jax.data.journal import Journal
+from iphyre_jax.data.labels import label_plans
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
 from iphyre_jax.train.scenes import variations
@@ -30,8 +31,8 @@ NEIGHBOURS: Final = 8  # on average, plans near solutions of each scene
 ADDED: Final = 3  # blocks at most
 REMOVABLE: Final = 0.6  # chance that an added block can be removed, if there are slots left
 MOVE: Final = 0.5  # s, the most by which a neighbour's times differ
-FPS: Final = 60
 STREAM: Final = 104_729  # seeds of these variations: not those that agents train on
+RECIPE: Final = Recipe(distribution="official and neighbours of solutions", seed=STREAM)
 
 Floats = npt.NDArray[np.float32]
 
@@ -74,35 +75,10 @@ def scenes_of(game: str, count: int, seed: int) -> tuple[Scene, ...]:
 
 def play(scenes: Sequence[Scene], game: npt.NDArray[np.int32], times: Floats, draw: npt.NDArray[np.int32]) -> Dataset:
     """Play plans in float64 and keep what became of them."""
-    protocol = PlayProtocol(FPS)
-    steps = plan_to_steps(times, protocol.fps, protocol.rule)
-    outcomes = label_plans(scenes, game, steps, protocol)
-    manifest = {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "distribution": "official and neighbours of solutions",
-        "form": "fresh",
-        "fps": protocol.fps,
-        "rule": protocol.rule,
-        "frames": protocol.frames,
-        "resets": protocol.resets,
-        "dtype": DTYPE,
-        "seed": STREAM,
-        "split": "train",
-        "scenes": [scene_entry(scene) for scene in scenes],
-    }
-    return Dataset(
-        tuple(scenes),
-        game=game.astype(np.int32),
-        times=times,
-        steps=steps.astype(np.int16),
-        success=outcomes.success,
-        end_step=outcomes.end_step,
-        removals=outcomes.removals,
-        draw=draw,
-        poses=None,
-        manifest=manifest,
-    )
+    steps = RECIPE.protocol.steps(times)
+    labels = label_plans(scenes, game, steps, RECIPE.protocol)
+    entries = {"scenes": [scene_entry(scene) for scene in scenes]}
+    return build(scenes, game, times, labels.columns(draw), RECIPE, Journal(), entries, steps)
 
 
 def collect_game(
