@@ -7,16 +7,17 @@ object overlap another one is drawn again, and at last left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from iphyre_jax.data.generated.canvas import BARS, FRAME, PLACES, Canvas, Ints
+from iphyre_jax.data.generated.canvas import BARS, FRAME, PLACES, Bools, Canvas, Ints
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.geometry import TOLERANCE, Floats
 
-STRETCH: Final = (0.86, 1.1)  # factors of all positions
+STRETCH: Final = (0.86, 1.1)  # factors of all positions; a scene whose objects then overlap keeps its size
 SHIFT: Final = 100.0  # px, the largest shift of a whole game in each direction
 JITTER: Final = (4.0, 30.0)  # px, the largest displacement of an object, drawn for each scene
 TURN: Final = 0.5  # times that, the largest displacement of a bar's end against its other end
@@ -43,15 +44,25 @@ def _move_whole(scenes: Canvas, rng: np.random.Generator) -> None:
     """Stretch all scenes about the centre of the picture and shift them as far as they stay in it."""
     count, half = len(scenes.ends), SCREEN / 2
     factor = rng.uniform(*STRETCH, count)[:, None, None, None]
-    scenes.ends[...] = half + (scenes.ends - half) * factor
+    stretched = np.round(half + (scenes.ends - half) * factor, 1)
+    rows = np.flatnonzero(~_overlap_more(scenes, stretched))
+    scenes.ends[rows] = stretched[rows]
     room = scenes.radii[:, :, None, None] + FRAME
     used = scenes.used[:, :, None, None]
     low = np.where(used, scenes.ends - room, np.inf).min(axis=(1, 2))
     high = np.where(used, scenes.ends + room, -np.inf).max(axis=(1, 2))
-    most = np.array([SCREEN, LOWEST])
-    least, largest = np.maximum(-low, -SHIFT), np.minimum(most - high, SHIFT)
+    least, largest = np.maximum(-low, -SHIFT), np.minimum(np.array([SCREEN, LOWEST]) - high, SHIFT)
     by = np.where(least <= largest, rng.uniform(0, 1, (count, 2)) * (largest - least) + least, 0.0)
-    scenes.ends[...] = np.round(scenes.ends + by[:, None, None], 1)
+    scenes.ends[...] = np.round(scenes.ends + np.round(by, 1)[:, None, None], 1)
+
+
+def _overlap_more(scenes: Canvas, ends: Floats) -> Bools:
+    """Return for each scene whether objects overlap more if they lie at other places, (B, PLACES, 2, 2) px."""
+    rows = np.arange(len(ends))
+    moved = replace(scenes, ends=ends)
+    before, after = (one.gaps(rows, one.ends, one.radii) for one in (scenes, moved))
+    worse = (after < np.minimum(before, 0.0) - TOLERANCE) & scenes.used[:, :, None]
+    return np.asarray(worse.any(axis=(1, 2)))
 
 
 def _move_one(scenes: Canvas, rows: Ints, place: int, amplitude: Floats, rng: np.random.Generator) -> Ints:

@@ -97,6 +97,19 @@ def loose_on_pegs(rng: Rng, n: int) -> Element:
     return Element(np.stack([bar, *pegs], 1), _flags(n, False, True, True), (True, False, False))
 
 
+def table(rng: Rng, n: int) -> Element:
+    """A ball above a bar that moves, which lies on a peg near each end, one above another peg."""
+    x, y, half = rng.uniform(LEFT + 90, RIGHT - 90, n), rng.uniform(180, 300, n), rng.uniform(60, 120, n)
+    pegs = []
+    for side, below in ((-1, 1), (1, 1), (_side(rng, n), 2)):
+        at, under = side * (half - rng.uniform(0, 12, n)), y + below * 2 * BAR_RADIUS
+        pegs.append(_level(x + at, under + below * rng.uniform(0.5, 9 if below == 1 else 25, n), rng.uniform(4, 8, n)))
+    pegs[2] += np.array([0.0, 20.0])
+    ball = _ball_on(rng, x + rng.uniform(-0.5, 0.5, n) * half, y)
+    bar = _level(x, y, half)
+    return Element(np.stack([bar, *pegs], 1), _flags(n, False, True, True, True), (True, False, False, False), ball)
+
+
 def resting_ball(rng: Rng, n: int) -> Element:
     """A ball without a bar of its own: it falls on what is below it."""
     x, y = _upper(rng, n)
@@ -148,7 +161,7 @@ def distractor(rng: Rng, n: int) -> Element:
     """A bar anywhere, of any slope."""
     x, y = rng.uniform(LEFT, RIGHT, n), rng.uniform(TOP, LOW + 30, n)
     tilt = np.where(rng.random(n) < 0.6, 0.0, rng.uniform(-np.pi / 2, np.pi / 2, n))
-    return Element(_tilted(x, y, rng.uniform(5, 45, n), tilt)[:, None], _often(rng, n, 0.7)[:, None])
+    return Element(_tilted(x, y, rng.uniform(5, 45, n), tilt)[:, None], _often(rng, n, 0.8)[:, None])
 
 
 def _upper(rng: Rng, n: int) -> tuple[Floats, Floats]:

@@ -51,7 +51,7 @@ def generate_scenes(
 ) -> GeneratedScenes:
     """Generate scenes of the elements of the ten basic games.
 
-    Doing nothing fails in each, one of 256 random plans solves it, and at most 0.6 of the random plans do. None is near
+    Doing nothing fails in each, one of 160 random plans solves it, and at most 0.6 of the random plans do. None is near
     a game of the splits noisy, compositional, multi_ball or unseen_basic. The same arguments give the same scenes; more
     scenes of a seed begin with the fewer.
 

@@ -1,20 +1,32 @@
 """Drawn scenes are valid, of few topologies, and a function of seed and number."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 from iphyre_jax.data.generated import drawing
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, Element, place
 from iphyre_jax.data.generated.displaced import displaced_games
-from iphyre_jax.data.generated.drawing import CHUNK, MOVERS, draw_chunk
+from iphyre_jax.data.generated.drawing import draw_chunk
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.scenes.geometry import TOLERANCE, Layouts, gaps, outside
 
 
+CHUNK = 320
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_chunks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "CHUNK", CHUNK)
+        yield
+
+
 @pytest.fixture(scope="module")
-def chunk() -> tuple[Canvas, np.ndarray, np.ndarray]:
+def chunk(small_chunks: None) -> tuple[Canvas, np.ndarray, np.ndarray]:
     return draw_chunk(3, 1)
 
 
@@ -32,7 +44,7 @@ def test_scenes_are_valid_and_of_few_topologies(chunk: tuple[Canvas, np.ndarray,
     assert len(whole) > 0.9 * CHUNK
     scenes = [canvas.scene(row, f"s{row}") for row in whole]
     topologies = {topology_of(scene) for scene in scenes}
-    assert len(topologies) == len(MOVERS)
+    assert len(topologies) == 15
     for scene, row in zip(scenes, whole, strict=True):
         assert scene.n_objects <= MAX_OBJECTS
         assert 2 <= len(scene.eliminable_blocks) <= MAX_ELIMINABLE
@@ -54,7 +66,7 @@ def test_balls_touch_nothing_at_the_start(chunk: tuple[Canvas, np.ndarray, np.nd
 
 def test_displaced_games_keep_their_objects_and_move_all_of_them() -> None:
     games = [load_scene(name) for name in SPLITS["basic"]]
-    which = np.arange(200) % 10
+    which = np.arange(100) % 10
     scenes = displaced_games(games, which, np.random.default_rng(0))
     for row, game in enumerate(which):
         scene = scenes.scene(row, "moved")
@@ -63,7 +75,7 @@ def test_displaced_games_keep_their_objects_and_move_all_of_them() -> None:
         assert (scene.joints, scene.springs) == (games[game].joints, games[game].springs)
         assert not (scene.blocks == games[game].blocks).all(axis=(1, 2)).any()
         own, before = gaps(Layouts.of(scene))[0], gaps(Layouts.of(games[game]))[0]
-        assert (own[before >= 0] >= -0.2).all()  # px: tenths are rounded after the whole game is stretched
+        assert (own >= np.minimum(before, 0.0) - 2e-6).all()
 
 
 def test_an_element_goes_where_it_fits_and_nowhere_else() -> None:
@@ -88,7 +100,7 @@ def test_an_element_goes_where_it_fits_and_nowhere_else() -> None:
 
 def test_no_scene_has_more_than_the_official_number_of_blocks() -> None:
     canvas, rng = Canvas.empty(1), np.random.default_rng(0)
-    left = [place(canvas, rng, np.array([0]), drawing.elements.distractor, tries=50).size for _ in range(40)]
+    left = [place(canvas, rng, np.array([0]), drawing.elements.distractor, tries=8).size for _ in range(30)]
     assert canvas.eliminable.sum() <= MAX_ELIMINABLE
     assert canvas.bars[0] <= 10  # static bars that share a program
-    assert sum(left) >= 30
+    assert sum(left) >= 20

@@ -31,7 +31,7 @@ OFFICIAL = PROTOCOLS["official"]
 def one_topology() -> Iterator[None]:
     """Draw compositions with one ball only, and few, so that one program plays all."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawing, "MOVERS", (("ball",),))
+        patch.setattr(drawing, "MOVERS", ((("ball",), 1),))
         patch.setattr(drawing, "COMPOSED", 1.0)
         for module in (drawing, generate):
             patch.setattr(module, "CHUNK", 128)
@@ -40,7 +40,7 @@ def one_topology() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def small(one_topology: None) -> GeneratedScenes:
-    return generate_scenes(40, 7)
+    return generate_scenes(20, 7)
 
 
 def replayed(scenes: tuple[Scene, ...], steps: np.ndarray) -> np.ndarray:
@@ -52,33 +52,32 @@ def replayed(scenes: tuple[Scene, ...], steps: np.ndarray) -> np.ndarray:
 
 def test_kept_scenes_are_what_is_promised(small: GeneratedScenes) -> None:
     scenes = small.scenes
-    assert len(scenes) == len(small) == 40 == len(set(scenes))
-    assert not replayed(scenes, np.full((40, 1, 6), NEVER)).any()
+    assert len(scenes) == len(small) == 20 == len(set(scenes))
+    assert not replayed(scenes, np.full((20, 1, 6), NEVER)).any()
     steps = np.stack([plan_stream(len(scene.eliminable_blocks)) for scene in scenes])
     solved = replayed(scenes, steps)
-    own = np.arange(256) < small.columns["plans"][:, None]
+    own = np.arange(160) < small.columns["plans"][:, None]
     np.testing.assert_array_equal((solved & own).sum(axis=1), small.columns["solved"])
     assert small.solve_rate.min() > 0
     assert small.solve_rate.max() <= 0.6
     assert small.columns["distance"].min() >= NEAREST
-    assert sum(small.manifest["refused"].values()) + 40 == small.manifest["drawn"]
-    assert sum(small.manifest["grades"].values()) == 40
+    assert sum(small.manifest["refused"].values()) + 20 == small.manifest["drawn"]
+    assert sum(small.manifest["grades"].values()) == 20
 
 
 def test_fewer_scenes_are_the_first_of_more(small: GeneratedScenes) -> None:
-    assert generate_scenes(25, 7).scenes == small.scenes[:25]
-    assert not set(generate_scenes(25, 8).scenes) & set(small.scenes)
+    assert generate_scenes(12, 7).scenes == small.scenes[:12]
 
 
 def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(line: str) -> None:
         raise KeyboardInterrupt(line)
 
-    with pytest.raises(KeyboardInterrupt, match=r"^\d+ of 40 kept, 128 drawn, \d+ kept a second$"):
-        generate_scenes(40, 7, journal=tmp_path / "parts", report=stop)
+    with pytest.raises(KeyboardInterrupt, match=r"^\d+ of 20 kept, 128 drawn, \d+ kept a second$"):
+        generate_scenes(20, 7, journal=tmp_path / "parts", report=stop)
     drawn, original = [], generate._draw
     monkeypatch.setattr(generate, "_draw", lambda seed, chunk, of: drawn.append(chunk) or original(seed, chunk, of))
-    assert generate_scenes(40, 7, journal=tmp_path / "parts").scenes == small.scenes
+    assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
     assert 0 not in drawn
     assert not (tmp_path / "parts").exists()
 
@@ -101,7 +100,7 @@ def test_reasons_of_scenes_by_hand() -> None:
     worlds = [compile_scene(scene, resets=2, dtype="float32") for scene in scenes]
     grades = grade_scenes(scenes, worlds, OFFICIAL, np.zeros(3))
     assert grades.reason.tolist() == [IDLE, filtering.EASY, UNSOLVED]
-    assert grades.plans.tolist() == [0, 24, 256]
+    assert grades.plans.tolist() == [0, 24, 160]
     removes = (plan_stream(2)[:24, 0] != NEVER).sum()
     assert grades.solved[1] == removes
 
@@ -134,9 +133,9 @@ def test_files_come_back_and_changes_are_found(small: GeneratedScenes, tmp_path:
 
 def test_the_command_makes_and_describes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = tmp_path / "some.npz"
-    assert run(["generate", "--out", str(made), "--count", "30", "--seed", "7"]) == 0
+    assert run(["generate", "--out", str(made), "--count", "15", "--seed", "7"]) == 0
     printed = capsys.readouterr().out
-    assert "30 scenes of seed 7, 10 fps, float32, reset 2" in printed
+    assert "15 scenes of seed 7, 10 fps, float32, reset 2" in printed
     assert run(["generate", "--describe", str(made)]) == 0
     assert capsys.readouterr().out == printed
     assert sorted(path.name for path in tmp_path.iterdir()) == ["some.json", "some.npz"]
