@@ -17,28 +17,28 @@ from iphyre_jax.data.generated.canvas import PIN, SPRING, Canvas, Ints, Propose,
 from iphyre_jax.data.generated.displaced import displaced_games
 from iphyre_jax.scenes import SPLITS, load_scene
 
-CHUNK: Final = 1024
+CHUNK: Final = 2048
 STREAM: Final = 20_26  # beside the seed, so that scenes draw other numbers than anything else
 COMPOSED: Final = 0.5  # share of the scenes that are compositions; the others begin with a basic game
 
 MOVERS: Final[tuple[tuple[tuple[str, ...], float], ...]] = (  # what moves in a composition, and its weight
-    (("ball",), 1),
+    (("ball",), 0.5),
     (("pendulum",), 1),
-    (("spring",), 1),
+    (("spring",), 0.5),
     (("loose", "ball"), 1),
     (("table",), 1.5),
     (("table", "loose"), 1.5),
     (("table", "ball"), 1.5),
-    (("loose", "pendulum"), 1),
+    (("loose", "pendulum"), 0.5),
     (("loose", "spring"), 0.5),
     (("loose", "loose", "ball"), 1),
     (("ball", "ball"), 1),
     (("loose", "ball", "ball"), 1.5),
     (("pendulum", "ball"), 2),
     (("spring", "ball"), 2),
-    (("pendulum", "pendulum"), 1),
+    (("pendulum", "pendulum"), 1.5),
     (("spring", "spring"), 0.5),
-    (("pendulum", "spring"), 2),
+    (("pendulum", "spring"), 2.5),
     (("ball", "ball", "ball"), 2),
 )
 BASIC: Final = (0.5, 1, 1, 1, 4, 0.2, 4, 2, 1, 1)  # weights of the basic games, in the order of their split

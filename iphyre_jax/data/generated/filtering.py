@@ -26,10 +26,10 @@ from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
 
 DTYPE: Final = "float32"
-ROUNDS: Final = ((24, 2), (96, 0), (160, 0))  # plans after each round, and how many may solve a scene that goes on
+ROUNDS: Final = ((24, 1), (96, 0), (160, 0))  # plans after each round, and how many may solve a scene that goes on
 EASIEST: Final = 0.6  # share of random plans that solve a scene which is kept, at most
 GRADES: Final = (0.04, 0.15, 0.35)  # shares of plans: where the next grade begins
-CHOSEN: Final = (1.0, 0.75, 0.3, 0.22)  # share of each grade that is kept, so that a quarter is hard
+CHOSEN: Final = (1.0, 0.65, 0.28, 0.2)  # share of each grade that is kept, so that a quarter is hard
 PLAN_SEED: Final = 1_017  # of the random plans
 
 KEPT, NO_ROOM, NEAR, IDLE, EASY, NOT_CHOSEN, UNSOLVED, CONTACTS = range(8)

@@ -14,7 +14,6 @@ from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.scenes.geometry import TOLERANCE, Layouts, gaps, outside
 
-
 CHUNK = 320
 
 
