@@ -56,7 +56,9 @@ def slow_distance(scene: Scene, game: Scene) -> float:
 
     def objects(one: Scene, mirrored: bool) -> list[tuple[object, np.ndarray, float]]:
         flags = (one.eliminable[: one.n_blocks], one.dynamic[: one.n_blocks])
-        bars = [(("bar", e, d), ends, 10.0) for ends, e, d in zip(one.blocks, *flags, strict=True)]
+        bars: list[tuple[object, np.ndarray, float]] = [
+            (("bar", e, d), ends, 10.0) for ends, e, d in zip(one.blocks, *flags, strict=True)
+        ]
         found = bars + [("ball", np.array([ball[:2], ball[:2]]), ball[2]) for ball in one.balls]
         if mirrored:
             found = [(kind, np.array([600.0, 0.0]) + ends * [-1, 1], radius) for kind, ends, radius in found]

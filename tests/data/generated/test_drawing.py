@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from iphyre_jax.data.generated import drawing
+from iphyre_jax.data.generated import drawing, elements
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, Element, place
 from iphyre_jax.data.generated.displaced import displaced_games
 from iphyre_jax.data.generated.drawing import draw_chunk
@@ -99,7 +99,7 @@ def test_an_element_goes_where_it_fits_and_nowhere_else() -> None:
 
 def test_no_scene_has_more_than_the_official_number_of_blocks() -> None:
     canvas, rng = Canvas.empty(1), np.random.default_rng(0)
-    left = [place(canvas, rng, np.array([0]), drawing.elements.distractor, tries=8).size for _ in range(30)]
+    left = [place(canvas, rng, np.array([0]), elements.distractor, tries=8).size for _ in range(30)]
     assert canvas.eliminable.sum() <= MAX_ELIMINABLE
     assert canvas.bars[0] <= 10  # static bars that share a program
     assert sum(left) >= 20

@@ -18,7 +18,7 @@ from iphyre_jax.data.generated import (
 )
 from iphyre_jax.data.generated.distance import NEAREST
 from iphyre_jax.data.generated.filtering import IDLE, KEPT, REASONS, UNSOLVED, grade_scenes, plan_stream
-from iphyre_jax.envs.protocols import PROTOCOLS
+from iphyre_jax.envs.protocols import PROTOCOLS, EpisodeProtocol
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene, SceneBuilder, load_scene
 from iphyre_jax.scenes.compile import compile_scene
@@ -75,8 +75,14 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
 
     with pytest.raises(KeyboardInterrupt, match=r"^\d+ of 20 kept, 128 drawn, \d+ kept a second$"):
         generate_scenes(20, 7, journal=tmp_path / "parts", report=stop)
-    drawn, original = [], generate._draw
-    monkeypatch.setattr(generate, "_draw", lambda seed, chunk, of: drawn.append(chunk) or original(seed, chunk, of))
+    drawn: list[int] = []
+    original = generate._draw
+
+    def noted(seed: int, chunk: int, protocol: EpisodeProtocol) -> object:
+        drawn.append(chunk)
+        return original(seed, chunk, protocol)
+
+    monkeypatch.setattr(generate, "_draw", noted)
     assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
     assert 0 not in drawn
     assert not (tmp_path / "parts").exists()
