@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, classifier, data, scenes, train, viewer
+from iphyre_jax.cli import analyse, classifier, data, generate, scenes, train, viewer
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
@@ -167,4 +167,5 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "play": (PlayPage, viewer.play),
     "score": (Score, viewer.score),
     "collect": (data.Collect, data.run),
+    "generate": (generate.Generate, generate.run),
 }

@@ -44,11 +44,23 @@ class Layouts(NamedTuple):
 def gaps(layouts: Layouts) -> Floats:
     """Return the gap between every two objects, (B, N, N) px: negative if they overlap, inf on the diagonal."""
     ends, radii = layouts.ends(), layouts.radii()
-    first, second = ends[:, :, None], ends[:, None, :]
-    apart = np.minimum(_distances_to_segment(first, second), _distances_to_segment(second, first))
-    apart = np.where(_segments_cross(first, second), 0.0, apart) - (radii[:, :, None] + radii[:, None, :])
     own = np.eye(ends.shape[1], dtype=bool)
-    return np.where(own, np.inf, apart)
+    return np.where(own, np.inf, gaps_between(ends, radii, ends, radii))
+
+
+def gaps_between(ends: Floats, radii: Floats, other_ends: Floats, other_radii: Floats) -> Floats:
+    """Return the gaps between k objects and n others of each of B layouts, (B, k, n) px: negative if they overlap.
+
+    Args:
+        ends: (B, k, 2, 2) px, the ends of the segments, as `Layouts.ends` returns them.
+        radii: (B, k) px.
+        other_ends: (B, n, 2, 2) px.
+        other_radii: (B, n) px.
+    """
+    first, second = ends[:, :, None], other_ends[:, None, :]
+    apart = np.minimum(_distances_to_segment(first, second), _distances_to_segment(second, first))
+    apart = np.where(_segments_cross(first, second), 0.0, apart) - (radii[:, :, None] + other_radii[:, None, :])
+    return np.asarray(apart)
 
 
 def outside(layouts: Layouts) -> Floats:

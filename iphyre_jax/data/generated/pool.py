@@ -1,0 +1,182 @@
+"""Generated scenes with their grades, in memory and as two files: NAME.npz, arrays, and NAME.json, the manifest.
+
+{"schema": "iphyre_jax/generated", "version": 1, "recipe": 1, "seed": 0, "protocol": "official", "fps": 10, "resets": 2,
+ "dtype": "float32", "scenes": 20000, "drawn": 51234, "refused": {"too easy": 12000, ...},
+ "grades": {"below 0.04": 5600, ...}, "nearest_px": 30.1, "provenance": {...}, "sha256": ...}      of NAME.npz
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import show
+from iphyre_jax.data.dataset import check_path
+from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
+from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
+from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
+from iphyre_jax.provenance import CORE, provenance
+from iphyre_jax.scenes import Scene
+
+SCHEMA: Final = "iphyre_jax/generated"
+VERSION: Final = 1
+MAX_BYTES: Final = 2**31  # of NAME.npz, and of its arrays
+
+Columns = Mapping[str, npt.NDArray[Any]]
+
+_COLUMNS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
+    "number": ("int64", ()),
+    "basic": ("int8", ()),
+    "distance": ("float64", ()),
+    "plans": ("int16", ()),
+    "solved": ("int16", ()),
+    "bars": ("float64", (BARS, 2, 2)),
+    "balls": ("float64", (BALLS, 3)),
+    "n_bars": ("int8", ()),
+    "n_balls": ("int8", ()),
+    "eliminable": ("bool", (BARS,)),
+    "moving": ("bool", (BARS,)),
+    "link": ("int8", (BALLS,)),
+    "anchor": ("int8", (BALLS,)),
+}
+
+
+def scene_name(seed: int, number: int) -> str:
+    """Return the name of a generated scene."""
+    return f"generated~{seed}.{number}"
+
+
+def scene_columns(canvas: Canvas) -> dict[str, npt.NDArray[Any]]:
+    """Return the objects of B scenes as arrays; places without an object hold zeros."""
+    used = canvas.used[..., None]
+    balls = np.concatenate([canvas.ends[:, BARS:, 0], canvas.radii[:, BARS:, None]], axis=-1)
+    return {
+        "bars": np.where(used[:, :BARS, None], canvas.ends[:, :BARS], 0.0),
+        "balls": np.where(used[:, BARS:], balls, 0.0),
+        "n_bars": canvas.bars.astype(np.int8),
+        "n_balls": canvas.balls.astype(np.int8),
+        "eliminable": canvas.eliminable[:, :BARS],
+        "moving": canvas.moving[:, :BARS],
+        "link": canvas.link,
+        "anchor": canvas.anchor,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class GeneratedScenes:
+    """N generated scenes.
+
+    Attributes:
+        columns: the scenes and their grades as arrays: number (N,), of each scene among those drawn; basic (N,), the
+            basic game that it began with, as an index into the split, -1 for a composition; distance (N,) px, to the
+            nearest test game, inf if none has as many objects of each kind; plans and solved (N,), random plans played,
+            and how many of them solve it; and its objects.
+        manifest: the fields that the module shows; `save_generated` adds the sum.
+    """
+
+    columns: Columns
+    manifest: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.columns["number"])
+
+    @classmethod
+    def of_chunks(cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol) -> GeneratedScenes:
+        """Return the first `count` scenes of chunks, and how many were drawn until the last of them."""
+        columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in _COLUMNS}
+        drawn = int(columns["number"][-1]) + 1
+        reasons = np.bincount(np.concatenate([chunk["reason"] for chunk in chunks])[:drawn], minlength=len(REASONS))
+        nearest = columns["distance"].min()
+        manifest = {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "seed": seed,
+            "protocol": protocol.name,
+            "fps": protocol.fps,
+            "resets": protocol.resets,
+            "dtype": DTYPE,
+            "scenes": len(columns["number"]),
+            "drawn": drawn,
+            "refused": {name: int(reasons[k]) for k, name in enumerate(REASONS) if k != KEPT},
+            "grades": _grade_counts(columns["solved"] / columns["plans"]),
+            "nearest_px": float(nearest) if np.isfinite(nearest) else None,
+            "provenance": provenance(CORE),
+        }
+        return cls(columns, manifest)
+
+    @property
+    def solve_rate(self) -> npt.NDArray[np.float64]:
+        """The share of random plans that solve each scene, (N,) float64, above 0 and at most 0.6."""
+        return np.asarray(self.columns["solved"] / self.columns["plans"])
+
+    @cached_property
+    def scenes(self) -> tuple[Scene, ...]:
+        """The scenes; each is checked as a scene from a file is."""
+        numbers = self.columns["number"].tolist()
+        return tuple(self._scene(row, scene_name(self.manifest["seed"], k)) for row, k in enumerate(numbers))
+
+    def select(self, rows: npt.ArrayLike) -> GeneratedScenes:
+        """Return some of the scenes, with the manifest of all; rows: indices or a mask, (N,)."""
+        index = np.asarray(rows)
+        return GeneratedScenes({name: column[index] for name, column in self.columns.items()}, self.manifest)
+
+    def _scene(self, row: int, name: str) -> Scene:
+        of = {key: column[row] for key, column in self.columns.items()}
+        bars, balls = of["bars"][: of["n_bars"]], of["balls"][: of["n_balls"]]
+        return scene_of(name, bars, balls, of["eliminable"], of["moving"], of["link"], of["anchor"])
+
+
+def _grade_counts(rates: npt.NDArray[np.float64]) -> dict[str, int]:
+    """Return how many scenes each grade has."""
+    edges = (0.0, *GRADES, EASIEST)
+    names = [f"below {edges[1]:g}", *(f"{low:g} to {high:g}" for low, high in pairwise(edges[1:]))]
+    numbers = np.bincount(np.searchsorted(GRADES, rates, side="right"), minlength=len(names))
+    return dict(zip(names, numbers.tolist(), strict=True))
+
+
+def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> None:
+    """Write generated scenes as NAME.npz and NAME.json; each file is whole at any moment.
+
+    Raises:
+        ValueError: the path has another ending; one line.
+        OSError: a file cannot be written.
+    """
+    npz, manifest = check_path(path)
+    content = pack_npz(scenes.columns)
+    replace_bytes(npz, content)
+    replace_json(manifest, {**scenes.manifest, "sha256": hashlib.sha256(content).hexdigest()})
+
+
+def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
+    """Read generated scenes; path: of NAME.npz or NAME.json, both must be there.
+
+    Raises:
+        OSError: a file cannot be read.
+        ValueError: a file is not what `save_generated` writes; one line. A wrong scene is refused by `scenes`.
+    """
+    npz, described = check_path(path)
+    manifest = read_versioned(described, SCHEMA, (VERSION,))
+    with npz.open("rb") as file:
+        if hashlib.file_digest(file, "sha256").hexdigest() != manifest.pop("sha256", None):
+            raise ValueError(f"{npz}: expected the bytes that {described.name} tells of, but they were changed")
+    columns = read_npz(npz, MAX_BYTES)
+    count = manifest.get("scenes")
+    for name, (dtype, shape) in _COLUMNS.items():
+        column, wanted = columns.get(name), (count, *shape)
+        if column is None or str(column.dtype) != dtype or column.shape != wanted:
+            got = "none" if column is None else f"{column.dtype} of shape {column.shape}"
+            raise ValueError(f"{npz}: {name}: expected {dtype} of shape {wanted}, got {got}")
+    if unknown := sorted(set(columns) - set(_COLUMNS)):
+        raise ValueError(f"{npz}: {show(unknown[0])}: expected no such array")
+    if type(manifest.get("seed")) is not int:
+        raise ValueError(f"{described}: seed: expected a whole number, got {show(manifest.get('seed'))}")
+    return GeneratedScenes(columns, manifest)

@@ -1,0 +1,173 @@
+"""Generated scenes: what is kept holds what it promises, a run goes on where it stopped, files come back."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iphyre_jax.cli.main import run
+from iphyre_jax.data.generated import (
+    GeneratedScenes,
+    drawing,
+    filtering,
+    generate,
+    generate_scenes,
+    load_generated,
+    save_generated,
+)
+from iphyre_jax.data.generated.distance import NEAREST
+from iphyre_jax.data.generated.filtering import IDLE, KEPT, REASONS, UNSOLVED, grade_scenes, plan_stream
+from iphyre_jax.envs.protocols import PROTOCOLS, EpisodeProtocol
+from iphyre_jax.rules import NEVER
+from iphyre_jax.scenes import Scene, SceneBuilder, load_scene
+from iphyre_jax.scenes.compile import compile_scene
+from iphyre_jax.simulation import simulate_many
+
+OFFICIAL = PROTOCOLS["official"]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_topology() -> Iterator[None]:
+    """Draw compositions with one ball only, and few, so that one program plays all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "MOVERS", ((("ball",), 1),))
+        patch.setattr(drawing, "COMPOSED", 1.0)
+        for module in (drawing, generate):
+            patch.setattr(module, "CHUNK", 128)
+        yield
+
+
+@pytest.fixture(scope="module")
+def small(one_topology: None) -> GeneratedScenes:
+    return generate_scenes(20, 7)
+
+
+def replayed(scenes: tuple[Scene, ...], steps: np.ndarray) -> np.ndarray:
+    """Whether each of (N, K, 6) plans solves its scene, (N, K)."""
+    plans = steps.reshape(-1, 6)
+    which = np.repeat(np.arange(len(scenes)), steps.shape[1])
+    return simulate_many(scenes, which, plans, fps=10, resets=2).success.reshape(steps.shape[:2])
+
+
+def test_kept_scenes_are_what_is_promised(small: GeneratedScenes) -> None:
+    scenes = small.scenes
+    assert len(scenes) == len(small) == 20 == len(set(scenes))
+    assert not replayed(scenes, np.full((20, 1, 6), NEVER)).any()
+    steps = np.stack([plan_stream(len(scene.eliminable_blocks)) for scene in scenes])
+    solved = replayed(scenes, steps)
+    own = np.arange(160) < small.columns["plans"][:, None]
+    np.testing.assert_array_equal((solved & own).sum(axis=1), small.columns["solved"])
+    assert small.solve_rate.min() > 0
+    assert small.solve_rate.max() <= 0.6
+    assert small.columns["distance"].min() >= NEAREST
+    assert sum(small.manifest["refused"].values()) + 20 == small.manifest["drawn"]
+    assert sum(small.manifest["grades"].values()) == 20
+
+
+def test_fewer_scenes_are_the_first_of_more(small: GeneratedScenes) -> None:
+    assert generate_scenes(12, 7).scenes == small.scenes[:12]
+
+
+def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(line: str) -> None:
+        raise KeyboardInterrupt(line)
+
+    with pytest.raises(KeyboardInterrupt, match=r"^\d+ of 20 kept, 128 drawn, \d+ kept a second$"):
+        generate_scenes(20, 7, journal=tmp_path / "parts", report=stop)
+    drawn: list[int] = []
+    original = generate._draw
+
+    def noted(seed: int, chunk: int, protocol: EpisodeProtocol) -> object:
+        drawn.append(chunk)
+        return original(seed, chunk, protocol)
+
+    monkeypatch.setattr(generate, "_draw", noted)
+    assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
+    assert 0 not in drawn
+    assert not (tmp_path / "parts").exists()
+
+
+def shelf(*bars: tuple[float, float]) -> Scene:
+    """A ball over bars that can be removed, each a height and an x."""
+    builder = SceneBuilder("shelf")
+    for y, x in bars:
+        builder.block((x - 50, y), (x + 50, y), eliminable=True)
+    builder.ball((300, 200))
+    return builder.build()
+
+
+def test_reasons_of_scenes_by_hand() -> None:
+    """Solves itself; needs either of two bars gone that any plan removes; held by a bar that stays."""
+    builder = SceneBuilder("held")
+    builder.block((250, 300), (350, 300))
+    builder.ball((300, 200))
+    scenes = [shelf((300, 100), (300, 500)), shelf((300, 300), (300, 500)), builder.build()]
+    worlds = [compile_scene(scene, resets=2, dtype="float32") for scene in scenes]
+    grades = grade_scenes(scenes, worlds, OFFICIAL, np.zeros(3))
+    assert grades.reason.tolist() == [IDLE, filtering.EASY, UNSOLVED]
+    assert grades.plans.tolist() == [0, 24, 160]
+    removes = (plan_stream(2)[:24, 0] != NEVER).sum()
+    assert grades.solved[1] == removes
+
+
+def test_shares_decide() -> None:
+    solved = np.array([0, 1, 20, 58, 57, 30, 30])
+    reason, plans = np.full(7, UNSOLVED), np.full(7, 96)
+    reason[5] = filtering.CONTACTS
+    filtering._judge(reason, plans, solved, np.array([0.0, 0.99, 0.99, 0.0, 0.0, 0.0, 0.99]))
+    names = [REASONS[k] for k in reason]
+    assert names[0] == "no plan solves it"
+    assert reason[1] == KEPT  # hard ones are all kept
+    assert names[2] == names[6] == "of a frequent grade, not chosen"
+    assert names[3] == "too easy"
+    assert reason[4] == KEPT
+    assert names[5] == "more contacts than a game has"
+
+
+def test_files_come_back_and_changes_are_found(small: GeneratedScenes, tmp_path: Path) -> None:
+    save_generated(small, tmp_path / "some.npz")
+    again = load_generated(tmp_path / "some.json")
+    assert again.scenes == small.scenes
+    assert again.manifest == small.manifest
+    content = bytearray((tmp_path / "some.npz").read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / "some.npz").write_bytes(content)
+    with pytest.raises(ValueError, match=r"some\.npz: expected the bytes that some\.json tells of"):
+        load_generated(tmp_path / "some.npz")
+
+
+def test_the_command_makes_and_describes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = tmp_path / "some.npz"
+    assert run(["generate", "--out", str(made), "--count", "15", "--seed", "7"]) == 0
+    printed = capsys.readouterr().out
+    assert "15 scenes of seed 7, 10 fps, float32, reset 2" in printed
+    assert run(["generate", "--describe", str(made)]) == 0
+    assert capsys.readouterr().out == printed
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["some.json", "some.npz"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "out: expected the file to write, --out NAME.npz"),
+        (["--out", "a.txt"], "path: expected the path of a data set"),
+        (["--out", "a.npz", "--count", "0"], "count: expected a whole number of at least 1"),
+        (["--out", "a.npz", "--seed", "-1"], "seed: expected a whole number of at least 0"),
+        (["--describe", "missing.npz"], "missing.json"),
+    ],
+)
+def test_mistakes_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["generate", *arguments]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
+
+
+def test_a_game_is_graded_as_it_is_played() -> None:
+    games = [load_scene("hole"), load_scene("direction")]
+    worlds = [compile_scene(game, resets=2, dtype="float32") for game in games]
+    grades = grade_scenes(games, worlds, OFFICIAL, np.zeros(2))
+    for game, plans, solved in zip(games, grades.plans, grades.solved, strict=True):
+        steps = plan_stream(len(game.eliminable_blocks))[None, :plans]
+        assert replayed((game,), steps).sum() == solved
