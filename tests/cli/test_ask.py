@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import re
 import socket
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+import tyro
 
 from iphyre_jax.agents.language.calls import Answer, CallFailedError, CallSettings
 from iphyre_jax.agents.language.endpoints import NOT_CONFIGURED, Endpoint
 from iphyre_jax.agents.language.prompts import Message
+from iphyre_jax.cli import ask
 from iphyre_jax.cli.main import run
 
 KEY = "sk-a-very-secret-key-0123456789"
@@ -73,6 +76,31 @@ def test_the_hand_written_replies_make_a_table(capsys: pytest.CaptureFixture[str
 def test_a_mistake_gets_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["ask", *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["openai", "anthropic"])
+def test_a_missing_package_is_named_with_its_extra(
+    kind: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure(monkeypatch)
+    monkeypatch.setenv("IPHYRE_JAX_LLM_KIND", kind)
+    monkeypatch.setitem(sys.modules, kind, None)
+    assert run(["ask", "support", "--out", str(tmp_path / "run")]) == 2
+    message = f"this command needs the extra 'llm' ({kind} is missing): pip install 'iphyre-jax[llm]'"
+    assert capsys.readouterr().err == f"iphyre-jax: {message}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], ("plain", "in-advance", "outcome")),
+        (["--prompt", "paper", "--feedback", "None"], ("paper", "in-advance", None)),
+        (["--strategy", "combined", "--feedback", "frames"], ("plain", "combined", "frames")),
+    ],
+)
+def test_the_prompt_is_chosen_by_words(words: list[str], expected: tuple[str, str, str | None]) -> None:
+    asked = tyro.cli(ask.Ask, args=["basic", *words]).settings().asked
+    assert (asked.base, asked.strategy, asked.shown) == expected
 
 
 def test_a_live_run_is_recorded_goes_on_and_keeps_the_key_to_itself(

@@ -7,8 +7,6 @@ beyond this machine only https is used.
 
 from __future__ import annotations
 
-import base64
-import ipaddress
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,8 +22,10 @@ from iphyre_jax.agents.language.calls import (
     within,
     without_key,
 )
+from iphyre_jax.agents.language.dialects import CALLS, is_local
 from iphyre_jax.agents.language.prompts import Message
-from iphyre_jax.checks import check_option, missing_extra, one_line, show
+from iphyre_jax.agents.language.replies import MAX_READ
+from iphyre_jax.checks import check_option, one_line, show
 
 Dialect = Literal["openai", "anthropic"]
 KINDS: Final[tuple[Dialect, ...]] = get_args(Dialect)
@@ -34,18 +34,6 @@ NOT_CONFIGURED: Final = (
     "llm: no endpoint: set IPHYRE_JAX_LLM_URL and IPHYRE_JAX_LLM_MODEL (IPHYRE_JAX_LLM_KEY if it asks for one), "
     "or give --replay FILE"
 )
-_KEY_HEADERS: Final = frozenset({"authorization", "x-api-key"})
-_HEADERS: Final = _KEY_HEADERS | {
-    "host",
-    "accept",
-    "accept-encoding",
-    "connection",
-    "user-agent",
-    "content-type",
-    "content-length",
-    "anthropic-version",
-}
-_NO_KEY: Final = "none"  # the packages want a key; a local server asks for none
 
 
 @dataclass(frozen=True)
@@ -84,11 +72,12 @@ class Endpoint:
             CallFailedError: there is no answer; one line without the key.
             ModuleNotFoundError: the extra `llm` is missing.
         """
-        ask = _CALLS[self.kind](self, conversation, settings)
+        ask = CALLS[self.kind](self, conversation, settings)
 
         def call() -> Answer:
             answer = within(self.limit, lambda: _guarded(ask, self.key))
-            return answer._replace(reply=without_key(answer.reply, self.key))
+            finish = None if answer.finish is None else without_key(answer.finish, self.key)
+            return answer._replace(reply=without_key(answer.reply, self.key)[-MAX_READ:], finish=finish)
 
         return with_patience(call)
 
@@ -122,16 +111,6 @@ def check_url(name: str, url: str) -> None:
         raise ValueError(f"{name}: expected https, for the host is not this machine")
 
 
-def is_local(host: str) -> bool:
-    """Return whether a host's name or address is this machine."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
 def _is_header(key: str) -> bool:
     return key.isascii() and all("!" <= sign <= "~" for sign in key)
 
@@ -156,112 +135,3 @@ def _wait(response: Any) -> float | None:  # noqa: ANN401 - of a package
     except (AttributeError, KeyError, TypeError, ValueError):  # none, or a date
         return None
     return wait if math.isfinite(wait) and wait >= 0 else None
-
-
-def _openai(endpoint: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Callable[[], Answer]:
-    """A call of chat completions."""
-    try:
-        import openai
-    except ModuleNotFoundError as error:
-        raise missing_extra("this endpoint", "llm", error.name) from None
-    chat: Any = [{"role": message.role, "content": _openai_content(message)} for message in conversation]
-    if settings.completion_tokens:
-        limits: dict[str, Any] = {"max_completion_tokens": settings.max_tokens}
-    else:
-        limits = {"max_tokens": settings.max_tokens, "temperature": settings.temperature}
-
-    def ask() -> Answer:
-        key = endpoint.key or _NO_KEY
-        with _http(endpoint, openai) as http:
-            client = openai.OpenAI(api_key=key, base_url=endpoint.url, max_retries=0, http_client=http)
-            completion = client.chat.completions.create(model=endpoint.model, messages=chat, **limits)
-        choice = completion.choices[0]
-        usage = completion.usage
-        return Answer(
-            _text(choice.message.content or ""),
-            choice.finish_reason,
-            usage.prompt_tokens if usage else None,
-            usage.completion_tokens if usage else None,
-        )
-
-    return ask
-
-
-def _anthropic(endpoint: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Callable[[], Answer]:
-    """A call of messages."""
-    try:
-        import anthropic
-    except ModuleNotFoundError as error:
-        raise missing_extra("this endpoint", "llm", error.name) from None
-    system = "\n".join(message.text for message in conversation if message.role == "system")
-    chat: Any = [
-        {"role": message.role, "content": _anthropic_content(message)}
-        for message in conversation
-        if message.role != "system"
-    ]
-
-    # In the body, for newer versions of the package have no argument for it.
-    more = {} if settings.completion_tokens else {"temperature": min(settings.temperature, 1.0)}
-
-    def ask() -> Answer:
-        key = endpoint.key or _NO_KEY
-        with _http(endpoint, anthropic) as http:
-            client = anthropic.Anthropic(api_key=key, base_url=endpoint.url, max_retries=0, http_client=http)
-            said = client.messages.create(
-                model=endpoint.model, system=system, messages=chat, max_tokens=settings.max_tokens, extra_body=more
-            )
-        text = "".join(_text(part.text) for part in said.content if part.type == "text")
-        return Answer(text, said.stop_reason, said.usage.input_tokens, said.usage.output_tokens)
-
-    return ask
-
-
-_CALLS: Final[dict[str, Callable[[Endpoint, Sequence[Message], CallSettings], Callable[[], Answer]]]] = {
-    "openai": _openai,
-    "anthropic": _anthropic,
-}
-
-
-def _http(endpoint: Endpoint, package: Any) -> Any:  # noqa: ANN401 - of a package
-    """The packages' HTTP client: no redirects, which could take the key along; no proxy on the way to this machine.
-
-    The packages read further keys and headers from variables of their own. Only those of `_HEADERS` are sent.
-    """
-    local = is_local(urlsplit(endpoint.url).hostname or "")
-
-    def strip(request: Any) -> None:  # noqa: ANN401
-        for name, value in list(request.headers.items()):
-            foreign = endpoint.key is None or endpoint.key not in value
-            if name.lower() not in _HEADERS or (name.lower() in _KEY_HEADERS and foreign):
-                del request.headers[name]
-
-    return package.DefaultHttpxClient(
-        follow_redirects=False,
-        trust_env=not local,
-        mounts={"http://": None, "https://": None, "all://": None} if local else {},
-        timeout=endpoint.limit,
-        event_hooks={"request": [strip]},
-    )
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"expected a reply of text, got {show(value)}")
-    return value
-
-
-def _openai_content(message: Message) -> str | list[dict[str, Any]]:
-    if not message.pictures:
-        return message.text
-    urls = [f"data:image/png;base64,{base64.b64encode(png).decode()}" for png in message.pictures]
-    return [{"type": "text", "text": message.text}, *({"type": "image_url", "image_url": {"url": u}} for u in urls)]
-
-
-def _anthropic_content(message: Message) -> str | list[dict[str, Any]]:
-    if not message.pictures:
-        return message.text
-    sources = [
-        {"type": "base64", "media_type": "image/png", "data": base64.b64encode(png).decode()}
-        for png in message.pictures
-    ]
-    return [*({"type": "image", "source": source} for source in sources), {"type": "text", "text": message.text}]

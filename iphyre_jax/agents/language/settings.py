@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 from iphyre_jax.agents.language.agent import DECISIONS, DTYPE, RENEWED
@@ -57,7 +58,7 @@ class RunSettings:
         check_option("fps", str(self.fps), RATES)
         _ = self.asked  # its words are checked
 
-    @property
+    @cached_property
     def asked(self) -> Prompt:
         """The prompt."""
         return Prompt(self.prompt, self.strategy, self.feedback)

@@ -60,6 +60,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(200, "<html>log in</html>", {"content-type": "text/html"})
         elif fault == "redirect":
             self._send(307, "", {"location": f"{self.server.url}/elsewhere"})
+        elif fault == "odd":  # an answer, with nonsense beside it
+            answer = _answer(self.path, body, "x" * 100_000 + REPLY)
+            for part in (answer, *answer.get("choices", [])):
+                part |= {"finish_reason": 7, "stop_reason": [secret]}
+            answer["usage"] = dict.fromkeys(answer["usage"], -1.5)
+            self._send(200, json.dumps(answer))
         elif fault == "echo":
             self._send(200, json.dumps(_answer(self.path, body, f"your key is {secret}. {REPLY}")))
         else:

@@ -102,7 +102,7 @@ def test_no_error_of_a_package_brings_the_key_out(monkeypatch: pytest.MonkeyPatc
 
         return ask
 
-    monkeypatch.setitem(endpoints._CALLS, "openai", kind)
+    monkeypatch.setitem(endpoints.CALLS, "openai", kind)
     endpoint = Endpoint("openai", URL, "tiny", KEY)
     with pytest.raises(CallFailedError) as caught:
         endpoint.complete([], CallSettings())

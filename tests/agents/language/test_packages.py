@@ -18,7 +18,7 @@ from iphyre_jax.agents.language.answers import Live
 from iphyre_jax.agents.language.calls import HIDDEN, CallFailedError, CallSettings
 from iphyre_jax.agents.language.endpoints import KINDS, Endpoint
 from iphyre_jax.agents.language.prompts import Message
-from iphyre_jax.agents.language.replies import parse_reply
+from iphyre_jax.agents.language.replies import MAX_READ, parse_reply
 from iphyre_jax.agents.language.settings import Caps, RunSettings
 from iphyre_jax.agents.language.transcripts import Question
 from iphyre_jax.scenes import load_scene
@@ -129,6 +129,18 @@ def test_every_fault_leaves_a_run_that_goes_on(
         chain = chain.__cause__ or (None if chain.__suppress_context__ else chain.__context__)
     told = file.read_text() + caplog.text + repr(asked) + str(vars(caught.value))
     assert KEY not in told
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nonsense_beside_an_answer_does_not_spoil_it(server: LanguageServer, kind: str, tmp_path: Path) -> None:
+    server.faults = ["odd"]
+    file, scene, model = tmp_path / "transcript.jsonl", load_scene("support"), {"kind": kind, "model": "tiny"}
+    asked = Live(endpoint(server, kind).complete, file, model, SETTINGS, Caps())
+    answer = asked(QUESTION, scene, SETTINGS.asked.conversation(scene))
+    assert (answer.finish, answer.tokens_in, answer.tokens_out) == (None, None, None)
+    assert len(answer.reply) == MAX_READ
+    assert len(parse_reply(answer.reply, 2).removals) == 2
+    assert transcripts.read(file)[QUESTION].answer.reply == answer.reply
 
 
 @pytest.mark.parametrize("kind", KINDS)
