@@ -8,6 +8,7 @@ ADAPTERS_VENV := build/adapters-venv
 CLIENTS_VENV := build/clients
 BROWSER_VENV := build/browser-venv
 MINARI_VENV := build/minari-venv
+LLM_VENV := build/llm-venv
 DOCS_VENV := build/docs-venv
 DOCS_PY := $(DOCS_VENV)/bin/python
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
@@ -100,6 +101,14 @@ test-minari: ## the tests of the Minari export, in an environment of its own
 	$(PYTHON) -m venv $(MINARI_VENV)
 	$(MINARI_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[minari]' pytest hypothesis
 	$(MINARI_VENV)/bin/python -m pytest tests/data/test_minari_export.py
+
+test-llm: ## the official openai and anthropic packages against a faulty server of this machine, in an environment of its own
+	$(PYTHON) -m venv $(LLM_VENV)
+	$(LLM_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[train,viewer,llm]' pytest hypothesis
+	$(LLM_VENV)/bin/python -m pytest tests/agents/language
+
+results-language: .venv/.stamp ## play the hand-written replies of the package and write docs/results/language.md; asks no model
+	.venv/bin/iphyre-jax ask --replay --document docs/results/language.md
 
 test-extremes: .venv/.stamp ## scenes of extreme geometry at both rates, in both number types: finite or at fault, neighbours untouched
 	PYTHONPATH=. $(PY) tests/robustness/extreme_scenes.py

@@ -45,6 +45,7 @@ PARTS = (
     "attempts",
     "models",
     "analyses",
+    "agents",
     "cli",
     "__main__",
 )

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = {"train", "parity", "tensorboard", "viewer", "dev", "docs", "all", "browser"}
-EXTRAS |= {"brax", "dm-env", "gymnasium", "gymnax", "jumanji", "minari"}
+EXTRAS |= {"brax", "dm-env", "gymnasium", "gymnax", "jumanji", "llm", "minari"}
 TARGETS = ("help", "venv", "run", "test", "test-fast", "lint", "parity", "wheel", "bench")
 
 

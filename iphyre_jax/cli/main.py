@@ -12,7 +12,7 @@ from iphyre_jax import __version__
 ERROR = 2  # exit code of a mistake
 INTERRUPTED = 130  # exit code after Ctrl-C
 OUTPUT_CLOSED = 141  # exit code if the reader of the output has gone, as with `| head`
-VIEWER_PACKAGES = ("PIL", "imageio_ffmpeg")  # of the extra `viewer`; all others belong to `train`
+EXTRA_OF = {"PIL": "viewer", "imageio_ffmpeg": "viewer", "anthropic": "llm", "openai": "llm"}  # all others: `train`
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -41,7 +41,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         package = (error.name or "").partition(".")[0]
         if package == "iphyre_jax":
             raise
-        extra = "viewer" if package in VIEWER_PACKAGES else "train"
+        extra = EXTRA_OF.get(package, "train")
         return _fail(
             f"this command needs the extra '{extra}' ({error.name} is missing): pip install 'iphyre-jax[{extra}]'"
         )

@@ -1,0 +1,1 @@
+"""Agents that are no policies of `train`: language models."""

@@ -1,0 +1,206 @@
+"""Runs: what is asked, played and scored; faults leave what was answered, and nothing else is scored."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from iphyre_jax.agents.language import agent as agent_module
+from iphyre_jax.agents.language import runs, transcripts
+from iphyre_jax.agents.language.agent import LanguageAgent
+from iphyre_jax.agents.language.answers import Live, Replay
+from iphyre_jax.agents.language.calls import Answer, CallFailedError, CallSettings
+from iphyre_jax.agents.language.prompts import Message, Prompt
+from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions
+from iphyre_jax.agents.language.transcripts import Question
+from iphyre_jax.attempts.protocol import Attempts
+from iphyre_jax.scenes import Scene, load_scene
+
+SUPPORT = load_scene("support")
+SETTINGS = RunSettings(games=("support",), attempts=2)
+MODEL = {"kind": "openai", "model": "tiny"}
+GOOD = '[{"time": 0.1, "index": 0}, {"time": 0.2, "index": 1}]'
+
+
+class Model:
+    """Gives the replies it has, one a call; an exception among them is raised."""
+
+    def __init__(self, *replies: str | Exception) -> None:
+        self.replies = list(replies)
+        self.heard: list[Sequence[Message]] = []
+
+    def __call__(self, conversation: Sequence[Message], settings: CallSettings) -> Answer:
+        self.heard.append(conversation)
+        reply = self.replies.pop(0)
+        if isinstance(reply, Exception):
+            raise reply
+        return Answer(reply, "stop", 100, 10)
+
+    def ask(self, question: Question, scene: Scene, conversation: Sequence[Message]) -> Answer:
+        return self(conversation, CallSettings())
+
+
+def agent(model: Model, prompt: Prompt, fps: int = 10) -> LanguageAgent:
+    return LanguageAgent(prompt, model.ask, 0, fps, 1)
+
+
+def plan(model: Model, prompt: Prompt) -> list[float]:
+    return agent(model, prompt)(SUPPORT, 1, np.random.default_rng(0), ())[0].round(7).tolist()
+
+
+def test_a_reply_that_cannot_be_read_is_asked_for_again_three_times_in_all() -> None:
+    model = Model("hm", "no [", GOOD)
+    assert plan(model, Prompt()) == [0.1, 0.2]
+    assert [len(conversation) for conversation in model.heard] == [2, 4, 6]
+    model = Model("hm", "no [", "never")
+    asking = agent(model, Prompt())
+    assert np.isnan(asking(SUPPORT, 1, np.random.default_rng(0), ())).all()
+    log = asking.asked["support", 1]
+    assert (log.no_answer, log.questions, log.unread, log.tokens_in) == (True, 3, 3, 300)
+
+
+def test_time_zero_is_the_first_moment() -> None:
+    assert plan(Model('[{"time": 0, "index": 1}]'), Prompt()) == pytest.approx([np.nan, 1e-6], nan_ok=True)
+
+
+class Played:
+    """What `simulate` returns of a world in which nothing moves and which is solved after so many steps."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = np.array([steps])
+        self.samples = np.zeros((1, 151, SUPPORT.n_objects, 3))
+
+
+@pytest.fixture
+def ends_after(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    steps = [150]
+    monkeypatch.setattr(agent_module, "simulate", lambda *args, **options: Played(steps[0]))
+    return steps
+
+
+def test_combined_asks_after_each_removal(ends_after: list[int]) -> None:
+    model = Model('[{"time": 2, "index": 1}]', '[{"time": 0.5, "index": 0}]')
+    assert plan(model, Prompt("plain", "combined")) == [2.5, 2.0]
+    assert "0.00 s have passed" in model.heard[0][1].text
+    assert "index 1: removed" in model.heard[1][1].text
+    assert plan(Model("[]"), Prompt("plain", "combined")) == pytest.approx([np.nan] * 2, nan_ok=True)
+    again = Model('[{"time": 2, "index": 1}]', '[{"time": 1, "index": 1}]')  # a block that is gone
+    assert plan(again, Prompt("plain", "combined")) == pytest.approx([np.nan, 2.0], nan_ok=True)
+    late = Model('[{"time": 9, "index": 1}]', '[{"time": 9, "index": 0}]')  # after the end
+    assert plan(late, Prompt("plain", "combined")) == pytest.approx([np.nan, 9.0], nan_ok=True)
+
+
+def test_on_the_fly_asks_every_half_second_until_the_end(ends_after: list[int]) -> None:
+    model = Model("[]", "[]", '[{"index": 1}]', '[{"index": 1}, {"index": 0}]')
+    assert plan(model, Prompt("plain", "on-the-fly")) == [1.5, 1.0]
+    ends_after[0] = 12  # solved after 1.2 s
+    model = Model(*["[]"] * 9)
+    plan(model, Prompt("plain", "on-the-fly"))
+    assert len(model.heard) == 3  # at 0, 0.5 and 1 s
+
+
+def play_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Score plans without physics: a plan that removes both blocks solves the game after 2 s."""
+
+    def attempts(asked: LanguageAgent, k: int, *, games: Sequence[str], fps: int, **options: Any) -> Attempts:
+        times = [asked(load_scene(game), k, np.random.default_rng(0), ()) for game in games]
+        success = np.array([~np.isnan(plans).any(axis=1) for plans in times])[:, None]
+        removed = np.array([(~np.isnan(plans)).sum(axis=1) for plans in times])[:, None]
+        seconds = np.where(success, 2.0, 15.0)
+        return Attempts(tuple(games), success, 1000.0 * success - 10 * removed - seconds, removed, seconds, 0)
+
+    monkeypatch.setattr(runs, "attempts", attempts)
+
+
+def live(folder: Path, model: Model, settings: RunSettings = SETTINGS, caps: Caps | None = None) -> list[Any]:
+    asked = Live(model, folder / "t.jsonl", MODEL, settings, caps or Caps())
+    return runs.rows_of(settings, runs.run(settings, asked))
+
+
+@pytest.mark.parametrize("faults", [1, 2])
+def test_a_failed_call_scores_nothing_and_the_run_goes_on_to_the_same_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: int
+) -> None:
+    play_by_hand(monkeypatch)
+    model = Model("hm", *[CallFailedError("gone", 500)] * faults, GOOD, "[]")
+    for _ in range(faults):
+        with pytest.raises(CallFailedError):
+            live(tmp_path, model)
+        assert [question.number for question in transcripts.read(tmp_path / "t.jsonl")] == [1]
+    rows = live(tmp_path, model)
+    assert [row["success"] for row in rows] == [True, False]
+    assert [row["reward"] for row in rows] == [978.0, -15.0]
+    assert rows[0]["questions"] == 2  # the failed call is none
+    assert rows[0]["order"] == [0, 1]
+    assert live(tmp_path, Model()) == rows  # nothing is asked twice
+    replay = Replay(tmp_path / "t.jsonl", SETTINGS)
+    assert runs.rows_of(SETTINGS, runs.run(SETTINGS, replay)) == rows
+    assert replay.models == ["openai: tiny"]
+    assert not replay.handwritten
+
+
+def test_caps_end_a_run_that_goes_on_with_higher_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play_by_hand(monkeypatch)
+    model = Model(GOOD, "[]")
+    with pytest.raises(ValueError, match=r"^llm: support, .* attempt 2, .* has reached its cap of 1 questions"):
+        live(tmp_path, model, caps=Caps(1))
+    with pytest.raises(ValueError, match=r"or 50 tokens \(1 and 110\); give more to go on$"):
+        live(tmp_path, model, caps=Caps(9, 50))
+    assert len(live(tmp_path, model)) == 2
+
+
+def test_a_replay_names_what_is_missing_or_different(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play_by_hand(monkeypatch)
+    live(tmp_path, Model(GOOD, "[]"))
+    more = RunSettings(games=("support",), attempts=3)
+    with pytest.raises(
+        ValueError, match=r"^replay: t.jsonl: expected an answer to support, .* attempt 3, .* got none$"
+    ):
+        runs.run(more, Replay(tmp_path / "t.jsonl", more))
+    other = RunSettings(games=("support",), prompt="physics")
+    with pytest.raises(ValueError, match=r"^replay: support, .*: expected the recorded prompt, got another one$"):
+        runs.run(other, Replay(tmp_path / "t.jsonl", other))
+    with pytest.raises(ValueError, match=r"expected answers of other, got 'tiny'$"):
+        Live(Model(), tmp_path / "t.jsonl", {**MODEL, "model": "other"}, SETTINGS, Caps())
+
+
+def test_a_folder_holds_one_run(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    runs.check_folder(folder, SETTINGS, MODEL)
+    runs.check_folder(folder, SETTINGS, MODEL)
+    with pytest.raises(ValueError, match=r"run.json: settings: expected those of this run, got others"):
+        runs.check_folder(folder, RunSettings(games=("support",), attempts=3), MODEL)
+    with pytest.raises(ValueError, match=r"run.json: model: expected those of this run"):
+        runs.check_folder(folder, SETTINGS, {**MODEL, "model": "other"})
+    assert json.loads((folder / "run.json").read_text())["settings"]["prompt"]["hash"] == SETTINGS.asked.hash
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"games": ("nowhere",)}, "games: expected one of"),
+        ({"games": ()}, "games: expected each game once"),
+        ({"games": ("support", "support")}, "games: expected each game once"),
+        ({"attempts": 0}, "attempts: expected a whole number"),
+        ({"samples": 0}, "samples: expected a whole number"),
+        ({"fps": 30}, "fps: expected one of 60, 10"),
+        ({"prompt": "x"}, "prompt: expected one of"),
+        ({"strategy": "x"}, "strategy: expected one of"),
+        ({"feedback": "x"}, "feedback: expected one of"),
+    ],
+)
+def test_settings_are_checked(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        RunSettings(**options)
+    assert str(caught.value).startswith(message)
+
+
+def test_the_most_questions_of_a_run_are_known() -> None:
+    assert most_questions(SETTINGS) == 3 * 2
+    assert most_questions(RunSettings(("support",), strategy="combined", samples=2)) == 3 * 2 * 2 * 2
+    assert most_questions(RunSettings(("support",), strategy="on-the-fly", attempts=1)) == 3 * 30
