@@ -27,7 +27,7 @@ Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 Bools = npt.NDArray[np.bool_]
 Parts = tuple[Floats, Ints, Floats, Ints, Ints, Floats]
-"""Tables, which is whose, returns, actions, tenths, weights: fields of `episodes.Episodes`."""
+"""Tables, which is whose, returns, actions, tenths, weights: fields of `episodes.SequenceData`."""
 
 
 def centres(scenes: Sequence[Scene]) -> Floats:

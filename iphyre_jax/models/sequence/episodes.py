@@ -36,7 +36,7 @@ Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 
 
-class Episodes(NamedTuple):
+class SequenceData(NamedTuple):
     """N plays as sequences."""
 
     tables: jax.Array | Floats  # (M, 12, 9) lengths / 600, flags and pair numbers as they are
@@ -51,7 +51,7 @@ class Episodes(NamedTuple):
     share: jax.Array | Floats  # (N,) how often a play is drawn, 1 in sum
 
 
-def episodes(plays: Dataset, config: SequenceConfig) -> Episodes:
+def episodes(plays: Dataset, config: SequenceConfig) -> SequenceData:
     """The plays of a data set as a model of these settings learns them; those on the way need poses."""
     if config.coded_labels:
         parts = {"in-advance": coded.plan_parts, "combined": coded.combined_parts, "on-the-fly": coded.choice_parts}
@@ -63,7 +63,7 @@ def episodes(plays: Dataset, config: SequenceConfig) -> Episodes:
     if config.form == "plans":  # slots without a block are not learned
         weight = weight * (slot_objects(plays.scenes)[plays.game] != END)[:, None]
     length = np.maximum((weight.sum(axis=-1) > 0).sum(axis=1), 1).astype(np.int32)
-    return Episodes(
+    return SequenceData(
         tables=rows,
         centres=centres(plays.scenes),
         scene=np.asarray(plays.game, np.int32),

@@ -14,7 +14,7 @@ from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
-from iphyre_jax.models.sequence.acting import Player, contrast
+from iphyre_jax.models.sequence.agent import Player, contrast
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, of_seed
 from iphyre_jax.models.sequence.worlds import play
@@ -139,6 +139,8 @@ def _of_plans(plans: Mapping[str, Floats], protocol: PlayProtocol) -> Result:
     """As many plans of each game, (E, 6) s."""
     scenes, episodes = [load_scene(name) for name in PLAYED], len(next(iter(plans.values())))
     times = np.concatenate([plans[name] for name in PLAYED])
+    blocks = np.repeat([len(scene.eliminable_blocks) for scene in scenes], episodes)
+    times = np.where(np.arange(MAX_ELIMINABLE) < blocks[:, None], times, np.nan)  # a similar scene may have more
     played = play(scenes, _worlds(episodes), protocol.steps(times), protocol)
     shape = 1, len(PLAYED), episodes
     return result(played.reward.reshape(shape), played.success.reshape(shape))

@@ -74,41 +74,42 @@ class SequenceModel(nn.Module):
     config: SequenceConfig
 
     @nn.compact
-    def __call__(self, seen: Sequences) -> Logits:
+    def __call__(self, inputs: Sequences) -> Logits:
         """Logits of every decision."""
         config, width = self.config, self.config.width
-        shape = seen.returns.shape
+        shape = inputs.returns.shape
         if config.form == "events":
-            objects, mask = self._objects(seen.rows)
+            objects, mask = self._objects(inputs.rows)
             pooled = jnp.where(mask[..., None], objects, 0.0).sum(axis=2) / jnp.maximum(mask.sum(axis=2), 1)[..., None]
             state = nn.Dense(width)(pooled)
-            which = jax.nn.one_hot(seen.actions[..., 0], MAX_OBJECTS)
+            which = jax.nn.one_hot(inputs.actions[..., 0], MAX_OBJECTS)
             picked = jnp.einsum("btn,btnd->btd", which, self._all(objects, shape))
-            delay = nn.Embed(FRAMES, width)(jnp.clip(seen.actions[..., 1], 0, FRAMES - 1))
+            delay = nn.Embed(FRAMES, width)(jnp.clip(inputs.actions[..., 1], 0, FRAMES - 1))
             action = nn.Dense(width)(picked) + delay
         else:
-            state = nn.Dense(width)(self._flat(seen))
-            action = nn.Dense(width)(self._action(seen.actions))
-        when = nn.Embed(FRAMES + 1, width, embedding_init=nn.initializers.normal(0.02))(seen.time)
-        returns = nn.Dense(width)(seen.returns[..., None] * float(config.returns))
+            state = nn.Dense(width)(self._flat(inputs))
+            action = nn.Dense(width)(self._action(inputs.actions))
+        when = nn.Embed(FRAMES + 1, width, embedding_init=nn.initializers.normal(0.02))(inputs.time)
+        returns = nn.Dense(width)(inputs.returns[..., None] * float(config.returns))
         tokens = jnp.stack([jnp.broadcast_to(part, when.shape) + when for part in (returns, state, action)], axis=2)
         x = tokens.reshape(shape[0], 3 * shape[1], width)
         for _ in range(config.layers):
             x = Block(config.heads)(x)
-        hidden = nn.LayerNorm()(x.reshape(tokens.shape)[:, :, 1])
+        features = nn.LayerNorm()(x.reshape(tokens.shape)[:, :, 1])
         if config.form == "events":
-            return self._events(hidden, self._all(objects, shape), picked, seen)
+            return self._events(features, self._all(objects, shape), picked, inputs)
         if config.form == "choices":
-            allowed = jnp.concatenate([jnp.ones((shape[0], 1), bool), seen.centres.any(axis=-1)], axis=1)
-            return Logits(jnp.where(allowed[:, None], nn.Dense(MAX_ELIMINABLE + 1)(hidden), NOWHERE), hidden[..., :0])
-        each = nn.Dense(MAX_ELIMINABLE * (FRAMES + 1))(hidden)
-        return Logits(each.reshape(*shape, MAX_ELIMINABLE, FRAMES + 1), hidden[..., :0])
+            allowed = jnp.concatenate([jnp.ones((shape[0], 1), bool), inputs.centres.any(axis=-1)], axis=1)
+            scores = nn.Dense(MAX_ELIMINABLE + 1)(features)
+            return Logits(jnp.where(allowed[:, None], scores, NOWHERE), features[..., :0])
+        each = nn.Dense(MAX_ELIMINABLE * (FRAMES + 1))(features)
+        return Logits(each.reshape(*shape, MAX_ELIMINABLE, FRAMES + 1), features[..., :0])
 
-    def _flat(self, seen: Sequences) -> jax.Array:
+    def _flat(self, inputs: Sequences) -> jax.Array:
         """The paper's state: the table and the centres, with the pair of the no-op on the fly."""
-        before = seen.rows.shape[:2]
-        rows = jnp.minimum(seen.rows, 1.0).reshape(*before, -1)
-        centres = jnp.broadcast_to(seen.centres.reshape(before[0], 1, -1), (*before, 2 * MAX_ELIMINABLE))
+        before = inputs.rows.shape[:2]
+        rows = jnp.minimum(inputs.rows, 1.0).reshape(*before, -1)
+        centres = jnp.broadcast_to(inputs.centres.reshape(before[0], 1, -1), (*before, 2 * MAX_ELIMINABLE))
         return jnp.concatenate([rows, centres], axis=-1)
 
     def _action(self, actions: jax.Array) -> jax.Array:
@@ -120,11 +121,12 @@ class SequenceModel(nn.Module):
     def _objects(self, rows: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Numbers of each object, (B, E, 12, OBJECT), from its relations to all others; and which are there."""
         flat = rows.reshape(-1, *rows.shape[2:])
-        seen = jnp.concatenate([flat[..., :LENGTH_COLUMNS], jnp.minimum(flat[..., LENGTH_COLUMNS:], 1.0)], axis=-1)
+        table = jnp.concatenate([flat[..., :LENGTH_COLUMNS], jnp.minimum(flat[..., LENGTH_COLUMNS:], 1.0)], axis=-1)
         mask = flat[..., 4] > 0  # every object has a radius
         ball = mask & (jnp.abs(flat[..., 0:2] - flat[..., 2:4]).max(axis=-1) < 1e-6)
-        pairs = jnp.concatenate([pair_features(seen), near_features(seen), link_features(flat)], axis=-1)
-        x = nn.relu(nn.Dense(OBJECT)(jnp.concatenate([object_features(seen, seen[..., :0]), ball[..., None]], axis=-1)))
+        pairs = jnp.concatenate([pair_features(table), near_features(table), link_features(flat)], axis=-1)
+        each = jnp.concatenate([object_features(table, table[..., :0]), ball[..., None]], axis=-1)
+        x = nn.relu(nn.Dense(OBJECT)(each))
         for _ in range(ROUNDS):
             x = AttentionBlock(OBJECT)(x, pairs, mask)
         return x.reshape(*rows.shape[:3], OBJECT), mask.reshape(rows.shape[:3])
@@ -133,15 +135,15 @@ class SequenceModel(nn.Module):
         """The objects at every decision, (B, T, 12, OBJECT)."""
         return jnp.broadcast_to(objects, (*shape, *objects.shape[2:]))
 
-    def _events(self, hidden: jax.Array, objects: jax.Array, picked: jax.Array, seen: Sequences) -> Logits:
+    def _events(self, features: jax.Array, objects: jax.Array, picked: jax.Array, inputs: Sequences) -> Logits:
         """Which object goes next, from each object and what has happened; then after how long."""
-        both = nn.Dense(OBJECT)(objects) + nn.Dense(OBJECT)(hidden)[:, :, None]
+        both = nn.Dense(OBJECT)(objects) + nn.Dense(OBJECT)(features)[:, :, None]
         scores = nn.Dense(1)(nn.relu(both))[..., 0]
-        removed = jax.nn.one_hot(seen.actions[..., 0], MAX_OBJECTS)
+        removed = jax.nn.one_hot(inputs.actions[..., 0], MAX_OBJECTS)
         before = jnp.cumsum(removed, axis=1) - removed  # a block goes once
-        able = (jnp.broadcast_to(seen.rows[..., 5], before.shape) > 0) & (before < 0.5)
-        end = nn.Dense(1)(hidden)
+        able = (jnp.broadcast_to(inputs.rows[..., 5], before.shape) > 0) & (before < 0.5)
+        end = nn.Dense(1)(features)
         choice = jnp.concatenate([jnp.where(able, scores, NOWHERE), end], axis=-1)
         width = self.config.width
-        delay = nn.Dense(width)(hidden) + nn.Dense(width)(picked)
+        delay = nn.Dense(width)(features) + nn.Dense(width)(picked)
         return Logits(choice, nn.Dense(FRAMES)(nn.relu(nn.LayerNorm()(delay))))

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from iphyre_jax.files import locked, replace_json
 from iphyre_jax.models.sequence import evaluation, storage
-from iphyre_jax.models.sequence.episodes import Episodes
+from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.models.sequence.training import SequenceState, of_seed, parameter_count, start, train_chunk
 from iphyre_jax.provenance import provenance
@@ -21,7 +21,7 @@ from iphyre_jax.train.progress import training_progress
 
 
 def train(
-    folder: Path, config: SequenceConfig, data: Episodes, plays: Mapping[str, Any], console: Console
+    folder: Path, config: SequenceConfig, data: SequenceData, plays: Mapping[str, Any], console: Console
 ) -> SequenceState:
     """Train the models of a row, or what is left of it.
 

@@ -18,7 +18,7 @@ from iphyre_jax.files import pack_npz, read_npz, replace_bytes, replace_json
 from iphyre_jax.models.outcome.plays.sets import OF_A_KIND, compact, learned_plays, play_sets
 from iphyre_jax.models.outcome.storage import plays_sum
 from iphyre_jax.models.sequence.decisions import with_poses
-from iphyre_jax.models.sequence.episodes import Episodes, episodes
+from iphyre_jax.models.sequence.episodes import SequenceData, episodes
 from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import SPLITS
@@ -67,7 +67,7 @@ def replayed(plays: Dataset, config: SequenceConfig) -> Dataset:
     )
 
 
-def learned_episodes(config: SequenceConfig, folder: Path, console: Console) -> tuple[Episodes, dict[str, Any]]:
+def learned_episodes(config: SequenceConfig, folder: Path, console: Console) -> tuple[SequenceData, dict[str, Any]]:
     """What a row learns from, kept in a file beside the plays; and the number and the sum of the plays.
 
     Args:
@@ -90,4 +90,4 @@ def learned_episodes(config: SequenceConfig, folder: Path, console: Console) -> 
         replace_json(file.with_suffix(".json"), {**decisive, "plays": len(plays), "sha256": digest.tobytes().hex()})
     arrays = read_npz(file, MAX_EPISODES)
     digest = arrays.pop(SUM)
-    return Episodes(**arrays), {"count": len(arrays["scene"]), "sha256": digest.tobytes().hex()}
+    return SequenceData(**arrays), {"count": len(arrays["scene"]), "sha256": digest.tobytes().hex()}

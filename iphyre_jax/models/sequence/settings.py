@@ -14,7 +14,7 @@ from iphyre_jax.scenes import MAX_ELIMINABLE
 
 PresetName = Literal["paper-as-coded", "paper", "clone-solved", "clone-all", "ours"]
 DataName = Literal["official", "large"]
-Form = Literal["plans", "choices", "events"]
+ActionForm = Literal["plans", "choices", "events"]
 
 PRESETS: Final = get_args(PresetName)
 EVENTS: Final = MAX_ELIMINABLE + 1  # decisions at most: each but the last removes a block
@@ -100,7 +100,7 @@ class SequenceConfig:
             raise ValueError(f"solved_share: expected a number from 0 to 1, got {show(self.solved_share)}")
 
     @property
-    def form(self) -> Form:
+    def form(self) -> ActionForm:
         """What an action is: the times of all slots, one of seven choices, or the next removal."""
         if self.preset == "ours":
             return "events"

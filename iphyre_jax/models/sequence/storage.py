@@ -33,7 +33,7 @@ from iphyre_jax.files import (
     replace_json,
     replace_text,
 )
-from iphyre_jax.models.sequence.acting import Memory
+from iphyre_jax.models.sequence.agent import Memory
 from iphyre_jax.models.sequence.networks import SequenceModel
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig, settings_from_json
 from iphyre_jax.models.sequence.training import Params, SequenceState
@@ -176,5 +176,5 @@ def load_model(name: str, folder: Path = WEIGHTS) -> TrainedModel:
 def _shapes(config: SequenceConfig) -> Params:
     """Parameters of one model of these settings."""
     one = np.zeros(1, np.int32)
-    seen = Memory.of(config, [load_scene("support")], one, ASKED).seen(one)
-    return SequenceModel(config).init(jax.random.key(0), seen)
+    inputs = Memory.of(config, [load_scene("support")], one, ASKED).inputs(one)
+    return SequenceModel(config).init(jax.random.key(0), inputs)

@@ -11,7 +11,7 @@ import numpy as np
 import optax
 
 from iphyre_jax.models.outcome.training import mirror_rows
-from iphyre_jax.models.sequence.episodes import Episodes
+from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.networks import NOWHERE, Logits, SequenceModel, Sequences
 from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
@@ -31,7 +31,7 @@ class SequenceState(NamedTuple):
 class Batch(NamedTuple):
     """B sequences to learn from."""
 
-    seen: Sequences
+    inputs: Sequences
     weight: jax.Array  # (B, T, K)
 
 
@@ -42,19 +42,19 @@ def _optimizer(config: SequenceConfig) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(CLIP), optax.adamw(rate, weight_decay=config.weight_decay))
 
 
-def start(config: SequenceConfig, data: Episodes) -> SequenceState:
+def start(config: SequenceConfig, data: SequenceData) -> SequenceState:
     """The state before the first step."""
     index = jnp.zeros(1, jnp.int32)
     batch = take(config, jax.tree.map(jnp.asarray, data), index, index)
 
     def one(seed: jax.Array) -> SequenceState:
-        params = SequenceModel(config).init(jax.random.key(seed), batch.seen)
+        params = SequenceModel(config).init(jax.random.key(seed), batch.inputs)
         return SequenceState(params, _optimizer(config).init(params))
 
     return cast(SequenceState, jax.jit(lambda: jax.lax.map(one, jnp.arange(config.seeds, dtype=jnp.uint32)))())
 
 
-def take(config: SequenceConfig, data: Episodes, index: jax.Array, first: jax.Array) -> Batch:
+def take(config: SequenceConfig, data: SequenceData, index: jax.Array, first: jax.Array) -> Batch:
     """Sequences by their plays (B,) and first decisions (B,), each with `config.context` decisions."""
     decisions = data.returns.shape[1]
     which = jnp.minimum(first[:, None] + jnp.arange(min(config.context, decisions))[None], decisions - 1)
@@ -65,17 +65,17 @@ def take(config: SequenceConfig, data: Episodes, index: jax.Array, first: jax.Ar
         return jnp.take_along_axis(chosen, at, axis=1)
 
     table = jnp.asarray(data.table)[index] if data.table.shape[1] == 1 else cut(data.table)
-    seen = Sequences(
+    inputs = Sequences(
         returns=cut(data.returns),
         rows=jnp.asarray(data.tables)[table],
         centres=jnp.asarray(data.centres)[jnp.asarray(data.scene)[index]],
         actions=cut(data.actions),
         time=cut(data.time),
     )
-    return Batch(seen, cut(data.weight))
+    return Batch(inputs, cut(data.weight))
 
 
-def draw(config: SequenceConfig, data: Episodes, key: jax.Array) -> Batch:
+def draw(config: SequenceConfig, data: SequenceData, key: jax.Array) -> Batch:
     """A batch of random sequences; of long ones a random part."""
     play_key, first_key, mirror_key = jax.random.split(key, 3)
     sums = jnp.cumsum(jnp.asarray(data.share))
@@ -87,8 +87,8 @@ def draw(config: SequenceConfig, data: Episodes, key: jax.Array) -> Batch:
     if not config.mirrored:
         return batch
     which = jax.random.bernoulli(mirror_key, 0.5, index.shape)
-    rows = jax.vmap(mirror_rows, in_axes=(1, None), out_axes=1)(batch.seen.rows, which)
-    return batch._replace(seen=batch.seen._replace(rows=rows))
+    rows = jax.vmap(mirror_rows, in_axes=(1, None), out_axes=1)(batch.inputs.rows, which)
+    return batch._replace(inputs=batch.inputs._replace(rows=rows))
 
 
 def blurred(target: jax.Array, bins: int, smoothing: float) -> jax.Array:
@@ -122,15 +122,15 @@ def log_likelihood(config: SequenceConfig, logits: Logits, actions: jax.Array, s
 
 def loss(config: SequenceConfig, params: Params, batch: Batch) -> jax.Array:
     """Weighted cross entropy."""
-    logits = cast(Logits, SequenceModel(config).apply(params, batch.seen))
-    each = log_likelihood(config, logits, batch.seen.actions, config.smoothing)
+    logits = cast(Logits, SequenceModel(config).apply(params, batch.inputs))
+    each = log_likelihood(config, logits, batch.inputs.actions, config.smoothing)
     each = jnp.where(batch.weight > 0, jnp.maximum(each, NOWHERE), 0.0)
     return -(each * batch.weight).sum() / jnp.maximum(batch.weight.sum(), 1e-9)
 
 
 @partial(jax.jit, static_argnums=0)
 def train_chunk(
-    config: SequenceConfig, data: Episodes, first: jax.Array, state: SequenceState
+    config: SequenceConfig, data: SequenceData, first: jax.Array, state: SequenceState
 ) -> tuple[SequenceState, jax.Array]:
     """Make the next `config.chunk` steps, of which `first` were made, with all seeds; the losses are (chunk, K)."""
     optimizer = _optimizer(config)

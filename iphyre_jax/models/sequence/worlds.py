@@ -20,7 +20,7 @@ Ints = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
-class Played:
+class PlayResults:
     """How B plans ended."""
 
     reward: Floats
@@ -33,12 +33,12 @@ def play(
     game: npt.NDArray[np.integer[Any]],
     steps: npt.NDArray[np.integer[Any]],
     protocol: PlayProtocol,
-) -> Played:
+) -> PlayResults:
     """Play plans of steps (B, 6), each different one once, in float64."""
     unique, inverse = np.unique(np.column_stack([game, steps]), axis=0, return_inverse=True)
     labels = label_plans(scenes, unique[:, 0], unique[:, 1:], protocol).take(inverse)
     reward = episode_reward(labels.success, labels.removals, labels.end_step, protocol.fps)
-    return Played(reward, labels.success, np.asarray(labels.end_step, np.int32))
+    return PlayResults(reward, labels.success, np.asarray(labels.end_step, np.int32))
 
 
 def play_tables(

@@ -42,29 +42,29 @@ def made_up(config: SequenceConfig, seed: int) -> Sequences:
 
 
 @partial(jax.jit, static_argnums=0)
-def forward(config: SequenceConfig, seen: Sequences) -> Logits:
+def forward(config: SequenceConfig, inputs: Sequences) -> Logits:
     model = SequenceModel(config)
-    params = model.init(jax.random.key(0), seen)
+    params = model.init(jax.random.key(0), inputs)
     noisy = jax.tree.map(lambda leaf: leaf + 0.1 * jnp.sin(jnp.arange(leaf.size).reshape(leaf.shape)), params)
-    return model.apply(noisy, seen)
+    return model.apply(noisy, inputs)
 
 
 @pytest.mark.parametrize("form", CONFIGS)
 def test_the_future_changes_nothing(form: str) -> None:
     config = CONFIGS[form]
-    seen, other = made_up(config, 0), made_up(config, 1)
-    given = forward(config, seen)
+    inputs, other = made_up(config, 0), made_up(config, 1)
+    given = forward(config, inputs)
     for t in range(config.context):
         # All inputs after decision t, and what was done at it: the choice at t must not know either.
         def later(one: jax.Array, two: jax.Array, first: int) -> jax.Array:
             return jnp.concatenate([one[:, :first], two[:, first:]], axis=1)
 
         perturbed = Sequences(
-            later(seen.returns, other.returns, t + 1),
-            later(seen.rows, other.rows, t + 1),
-            seen.centres,
-            later(seen.actions, seen.actions[:, ::-1] if form == "events" else other.actions, t),
-            later(seen.time, other.time, t + 1),
+            later(inputs.returns, other.returns, t + 1),
+            later(inputs.rows, other.rows, t + 1),
+            inputs.centres,
+            later(inputs.actions, inputs.actions[:, ::-1] if form == "events" else other.actions, t),
+            later(inputs.time, other.time, t + 1),
         )
         found = forward(config, perturbed)
         np.testing.assert_array_equal(found.choice[:, : t + 1], given.choice[:, : t + 1])
@@ -75,10 +75,11 @@ def test_the_future_changes_nothing(form: str) -> None:
 
 def test_the_present_counts() -> None:
     config = CONFIGS["events"]
-    seen = made_up(config, 0)
-    given = forward(config, seen)
+    inputs = made_up(config, 0)
+    given = forward(config, inputs)
     for field in ("returns", "rows", "time"):
-        changed = seen._replace(**{field: getattr(seen, field).at[:, 0].set(getattr(made_up(config, 1), field)[:, 0])})
+        other = getattr(made_up(config, 1), field)[:, 0]
+        changed = inputs._replace(**{field: getattr(inputs, field).at[:, 0].set(other)})
         assert not np.allclose(forward(config, changed).choice[:, 0], given.choice[:, 0])
 
 
@@ -93,7 +94,7 @@ def test_a_block_goes_once_and_only_blocks_go() -> None:
 
 def test_a_clone_does_not_see_the_return() -> None:
     config = dataclasses.replace(CONFIGS["plans"], returns=False)
-    seen = made_up(config, 0)
+    inputs = made_up(config, 0)
     np.testing.assert_array_equal(
-        forward(config, seen).choice, forward(config, seen._replace(returns=seen.returns + 1)).choice
+        forward(config, inputs).choice, forward(config, inputs._replace(returns=inputs.returns + 1)).choice
     )

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from iphyre_jax.models.sequence import acting, runs, storage, training
-from iphyre_jax.models.sequence.episodes import Episodes, episodes
+from iphyre_jax.models.sequence import agent, runs, storage, training
+from iphyre_jax.models.sequence.episodes import SequenceData, episodes
 from iphyre_jax.models.sequence.settings import settings, settings_from_json
 from tests.models.sequence.made_up import made_up
 
@@ -32,7 +32,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, training.Se
 
 def plans(state: training.SequenceState, asked: float) -> np.ndarray:
     params = training.of_seed(state.params, 0)
-    return acting.Player(CONFIG, params, PLAYS.scenes, np.array([0, 1]), asked).plans()
+    return agent.Player(CONFIG, params, PLAYS.scenes, np.array([0, 1]), asked).plans()
 
 
 def test_the_return_decides(trained: tuple[Path, training.SequenceState]) -> None:
@@ -86,9 +86,9 @@ def test_blurred() -> None:
 def test_long_sequences_are_cut() -> None:
     config = dataclasses.replace(settings("paper", "on-the-fly"), context=3, batch_size=64)
     data = episodes(made_up(10, poses=True), config)
-    batch = training.draw(config, Episodes(*map(jnp.asarray, data)), jax.random.key(0))
-    assert batch.seen.returns.shape == (64, 3)
-    time = np.asarray(batch.seen.time)
+    batch = training.draw(config, SequenceData(*map(jnp.asarray, data)), jax.random.key(0))
+    assert batch.inputs.returns.shape == (64, 3)
+    time = np.asarray(batch.inputs.time)
     np.testing.assert_array_equal(np.diff(time, axis=1), 1)
     assert (np.asarray(batch.weight) > 0).all()  # parts lie before the end of a play
     assert len(set(time[:, 0].tolist())) > 20

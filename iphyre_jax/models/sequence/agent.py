@@ -41,14 +41,14 @@ Ints = npt.NDArray[np.int32]
 
 @partial(jax.jit, static_argnums=0)
 def decide(
-    config: SequenceConfig, params: Params, seen: Sequences, k: jax.Array, sampled: jax.Array, key: jax.Array
+    config: SequenceConfig, params: Params, inputs: Sequences, k: jax.Array, sampled: jax.Array, key: jax.Array
 ) -> jax.Array:
     """The actions of decision k, (B, A) int32: the likeliest, or drawn by their likelihood.
 
     Args:
         config: settings.
         params: of one model.
-        seen: B sequences up to the state of decision k; what stands behind it does not count.
+        inputs: B sequences up to the state of decision k; what stands behind it does not count.
         k: () int32.
         sampled: () bool, whether to draw.
         key: random key; not read if nothing is drawn.
@@ -58,11 +58,11 @@ def decide(
         noise = jax.random.gumbel(jax.random.fold_in(key, number), scores.shape)
         return (scores + jnp.where(sampled, noise, 0.0)).argmax(axis=-1)
 
-    logits = cast(Logits, SequenceModel(config).apply(params, seen))
+    logits = cast(Logits, SequenceModel(config).apply(params, inputs))
     choice = pick(logits.choice[:, k], 0)
     if config.form != "events":
         return jnp.asarray(choice if config.form == "plans" else choice[:, None], jnp.int32)
-    known = seen._replace(actions=seen.actions.at[:, k, 0].set(choice))
+    known = inputs._replace(actions=inputs.actions.at[:, k, 0].set(choice))
     delay = cast(Logits, SequenceModel(config).apply(params, known)).delay[:, k]
     return jnp.stack([choice, pick(delay.at[:, 0].set(NOWHERE), 1)], axis=-1).astype(jnp.int32)
 
@@ -89,7 +89,7 @@ class Memory:
         returns = np.full((count, size), asked, np.float32)
         return cls(returns, rows, centres(scenes)[game], actions, np.zeros((count, size), np.int32))
 
-    def seen(self, index: npt.NDArray[np.integer[Any]]) -> Sequences:
+    def inputs(self, index: npt.NDArray[np.integer[Any]]) -> Sequences:
         """Some worlds as the network takes them."""
         parts = (self.returns, self.rows, self.centres, self.actions, self.time)
         return Sequences(*(jnp.asarray(each[index]) for each in parts))
@@ -153,8 +153,8 @@ class Player:
         self._number += 1
         sampled = jnp.asarray(self._key is not None)
         for number, (index, count) in enumerate(blocks(len(self.game))):
-            seen, own = self.memory.seen(index), jax.random.fold_in(key, number)
-            action = decide(self.config, self.params, seen, jnp.int32(k), sampled, own)
+            inputs, own = self.memory.inputs(index), jax.random.fold_in(key, number)
+            action = decide(self.config, self.params, inputs, jnp.int32(k), sampled, own)
             self.memory.actions[index[:count], k] = np.asarray(action)[:count]
         return self.memory.actions[:, k].copy()
 
@@ -164,7 +164,7 @@ class Player:
         before = self.memory.returns[:, k - 1]
         self.memory.returns[:, k] = before if self.config.coded_labels else before + paid
 
-    def _look(self, k: int, frames: Ints) -> None:
+    def _observe(self, k: int, frames: Ints) -> None:
         """The tables at some tenths of a second under the removals so far."""
         if self.config.strategy != "in-advance":
             found = play_tables(self.scenes, self.game, self.steps(), self.config.protocol)
@@ -185,7 +185,7 @@ class Player:
             then = np.where(active, then, now)
             self._pay(k + 1, active, then - now)
             self.memory.time[:, k + 1] = now = then
-            self._look(k + 1, now + 1)
+            self._observe(k + 1, now + 1)
 
     def _play_combined(self) -> None:
         now, last = np.ones(len(self.game), np.int32), np.zeros(len(self.game), np.int32)
@@ -202,7 +202,7 @@ class Player:
             self._pay(k + 1, acts, then - last)
             self.memory.time[:, k + 1] = last = then
             now = np.where(acts, frame + 1, FRAMES).astype(np.int32)
-            self._look(k + 1, last + 1)
+            self._observe(k + 1, last + 1)
 
     def _play_choices(self) -> None:
         table = play_tables(self.scenes, self.game, self.steps(), self.config.protocol)
@@ -237,9 +237,9 @@ def contrast(player: Player) -> Floats:
     failure = -COST * left - (TIME_LIMIT / SUCCESS_REWARD - TENTH * memory.time)
     found = np.zeros(len(made))
     for index, count in blocks(len(made)):
-        seen = memory.seen(index)
-        failing = seen._replace(returns=jnp.asarray(failure[index], jnp.float32))
-        good, bad = (_likelihood(config, player.params, each, jnp.asarray(made[index])) for each in (seen, failing))
+        inputs = memory.inputs(index)
+        failing = inputs._replace(returns=jnp.asarray(failure[index], jnp.float32))
+        good, bad = (_likelihood(config, player.params, each, jnp.asarray(made[index])) for each in (inputs, failing))
         found[index[:count]] = np.asarray(good - bad)[:count]
     return found
 
@@ -255,8 +255,8 @@ def blocks(count: int) -> Iterator[tuple[npt.NDArray[np.int64], int]]:
 
 
 @partial(jax.jit, static_argnums=0)
-def _likelihood(config: SequenceConfig, params: Params, seen: Sequences, made: jax.Array) -> jax.Array:
-    logits = cast(Logits, SequenceModel(config).apply(params, seen))
-    each = log_likelihood(config, logits, seen.actions, config.smoothing)
-    weight = jnp.stack([made, made & (seen.actions[..., 0] != END)], axis=-1)
+def _likelihood(config: SequenceConfig, params: Params, inputs: Sequences, made: jax.Array) -> jax.Array:
+    logits = cast(Logits, SequenceModel(config).apply(params, inputs))
+    each = log_likelihood(config, logits, inputs.actions, config.smoothing)
+    weight = jnp.stack([made, made & (inputs.actions[..., 0] != END)], axis=-1)
     return jnp.where(weight, jnp.maximum(each, NOWHERE), 0.0).sum(axis=(1, 2))
