@@ -34,6 +34,7 @@ from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
 COST: Final = -ELIMINATION_REWARD / SUCCESS_REWARD  # of a removal, as a return
 TENTH: Final = 1 / DECISIONS_PER_SECOND / SUCCESS_REWARD  # of 0.1 s
 BLOCK: Final = 64  # worlds that decide at once
+STAYS: Final = 0.5  # chance from which on a block stays
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
@@ -60,11 +61,22 @@ def decide(
 
     logits = cast(Logits, SequenceModel(config).apply(params, inputs))
     choice = pick(logits.choice[:, k], 0)
+    if config.form == "plans":
+        choice = jnp.where(sampled, choice, likeliest_times(logits.choice[:, k]))
     if config.form != "events":
         return jnp.asarray(choice if config.form == "plans" else choice[:, None], jnp.int32)
     known = inputs._replace(actions=inputs.actions.at[:, k, 0].set(choice))
     delay = cast(Logits, SequenceModel(config).apply(params, known)).delay[:, k]
     return jnp.stack([choice, pick(delay.at[:, 0].set(NOWHERE), 1)], axis=-1).astype(jnp.int32)
+
+
+def likeliest_times(scores: jax.Array) -> jax.Array:
+    """Times (B, 6) int32 from logits (B, 6, 151): a block goes if that is likelier than not, at its likeliest time.
+
+    The likeliest of all 151 would be "never" too often: it is one number, and to go is spread over 150.
+    """
+    stays = jax.nn.softmax(scores)[..., NEVER_BIN] > STAYS
+    return jnp.where(stays, NEVER_BIN, scores[..., :NEVER_BIN].argmax(axis=-1))
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -104,3 +105,10 @@ def test_one_program_for_any_number_of_worlds() -> None:
     assert [count for _, count in parts] == [agent.BLOCK, 3]
     assert [len(index) for index, _ in parts] == [agent.BLOCK] * 2
     assert parts[1][0][:4].tolist() == [agent.BLOCK, agent.BLOCK + 1, agent.BLOCK + 2, 0]
+
+
+def test_a_block_goes_if_that_is_likelier_than_not() -> None:
+    chance = np.full((1, 2, 151), 0.6 / 150)
+    chance[0, 0, NEVER_BIN], chance[0, 0, 42] = 0.39, 0.02  # never is the likeliest number, and less likely than to go
+    chance[0, 1, NEVER_BIN] = 2.0
+    assert agent.likeliest_times(jnp.log(jnp.asarray(chance, jnp.float32))).tolist() == [[42, NEVER_BIN]]
