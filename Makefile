@@ -169,6 +169,9 @@ test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in flo
 results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
+results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped
+	.venv/bin/iphyre-jax sequence compare --weights iphyre_jax/models/sequence/weights
+
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
 	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict

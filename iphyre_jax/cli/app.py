@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, train, viewer
+from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, viewer
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
@@ -160,6 +160,7 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "analyse": (analyse.Analyse, analyse.run),
     "ask": (ask.Ask, ask.run),
     "classifier": (classifier.ClassifierCommand, classifier.run),
+    "sequence": (sequence.SequenceCommand, sequence.run),
     "simulate": (Simulate, _simulate),
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),

@@ -1,0 +1,114 @@
+"""`iphyre-jax sequence`: sequence models. Needs the extra `train`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+
+from iphyre_jax.analyses import oracle
+from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.main import INTERRUPTED
+from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.models.sequence import compare, report, storage
+from iphyre_jax.scenes import GAMES, SPLITS
+
+ROOT = Path("build/sequence")
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train one row of docs/results/sequence.md, or what is left of it, and evaluate it."""
+
+    row: Annotated[tyro.conf.Positional[str], option("ROW", "Name of the row, such as paper-in-advance.")]
+    root: Path = ROOT
+    """Folder of the runs and of the plays that they learn from."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Print what a trained row is worth."""
+
+    run: Annotated[tyro.conf.Positional[Path], option("RUN", "The run folder.")]
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Train every row that is missing and write the report after each."""
+
+    root: Path = ROOT
+    """Folder of the runs and of the plays that they learn from."""
+    out: Path = Path("docs/results/sequence.md")
+    """The document."""
+    only: tuple[str, ...] = ()
+    """Rows to train, by name; by default all."""
+    weights: Path | None = None
+    """Folder for the best model of each row that ships; by default they stay in the run folders alone."""
+
+
+@dataclass(frozen=True)
+class SequenceCommand:
+    """Models that are asked for a return. Train and compare sequence models."""
+
+    action: Annotated[
+        Annotated[Train, tyro.conf.subcommand("train")]
+        | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+        | Annotated[Compare, tyro.conf.subcommand("compare")],
+        tyro.conf.arg(name=""),
+    ]
+
+
+def run(command: SequenceCommand, console: Console) -> int:
+    """Run a sequence command and return the exit code.
+
+    Raises:
+        ValueError, OSError: one line.
+    """
+    with interrupting() as signals:
+        try:
+            _run(command.action, console)
+        except KeyboardInterrupt:
+            say(console, "Interrupted; the same command goes on from the last checkpoint.")
+            return exit_code(signals[0]) if signals else INTERRUPTED
+    return 0
+
+
+def _run(action: Train | Evaluate | Compare, console: Console) -> None:
+    """Run one of the three."""
+    if isinstance(action, Compare):
+        best = {fps: best_known(fps) for fps in oracle.RATES}
+        compare.compare(compare.Comparison(action.root, action.out, action.weights, best), console, action.only)
+        return
+    if isinstance(action, Train):
+        config = compare.row_settings(action.row)
+        compare.make_row(compare.Comparison(action.root), config, console)
+        folder = action.root / config.name
+    else:
+        folder = action.run
+    _print(folder, console)
+
+
+def best_known(fps: int) -> dict[str, tuple[float, float]]:
+    """Mean reward and share solved of the best known plans, by split, at a rate."""
+    rows = oracle.shipped(fps)
+    splits = {**{name: SPLITS[name] for name in report.SPLITS_SHOWN if name in SPLITS}, "all": GAMES}
+    found = {}
+    for split, games in splits.items():
+        if set(games) <= set(rows):
+            reward, solved = (float(np.mean([rows[game][key] for game in games])) for key in ("reward", "solved"))
+            found[split] = reward, solved
+    return found
+
+
+def _print(folder: Path, console: Console) -> None:
+    """Print the mean reward of an evaluated run on each split."""
+    evaluation = storage.read_evaluation(folder)
+    say(console, f"{evaluation['row']}: mean reward / solved %, {evaluation['settings']['fps']} fps, float64")
+    for mode in report.MODES:
+        if mode in evaluation["modes"]:
+            cells = report.result_cells(evaluation["modes"][mode])
+            say(console, f"{mode}: " + ", ".join(f"{k} {v}" for k, v in zip(report.SPLITS_SHOWN, cells, strict=False)))

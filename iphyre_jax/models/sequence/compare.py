@@ -1,0 +1,127 @@
+"""Every row of docs/results/sequence.md, one after the other; goes on where it stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from iphyre_jax.checks import check_option
+from iphyre_jax.files import read_versioned, replace_json
+from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
+from iphyre_jax.models.sequence.settings import SequenceConfig, settings
+from iphyre_jax.provenance import provenance
+from iphyre_jax.rules import OFFICIAL_FPS
+
+BOUNDS: Final = "iphyre_jax/sequence-bounds"
+VERSION: Final = 1
+
+_OURS: Final = settings("ours")
+_LARGE: Final = dataclasses.replace(_OURS, data="large", updates=1000)
+ROWS: Final = {
+    config.name: config
+    for config in (
+        *(settings(preset) for preset in ("paper-as-coded", "paper", "clone-solved", "clone-all")),
+        _OURS,
+        _LARGE,
+        *(settings(preset, "combined") for preset in ("paper-as-coded", "paper")),
+        dataclasses.replace(_LARGE, strategy="combined", updates=500),
+        *(settings(preset, "on-the-fly") for preset in ("paper-as-coded", "paper")),
+        dataclasses.replace(_LARGE, strategy="on-the-fly", fps=OFFICIAL_FPS, updates=500),
+    )
+}
+SHIPPED: Final = ("ours-in-advance-large",)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Where a comparison reads and writes.
+
+    Attributes:
+        root: folder of the run folders and of the data sets.
+        out: the document.
+        weights: folder for the best model of each row of SHIPPED; None to ship nothing.
+        best: mean reward and share solved of the best known plans by rate and split, to stand beside the rows.
+    """
+
+    root: Path = Path("build/sequence")
+    out: Path = Path("docs/results/sequence.md")
+    weights: Path | None = None
+    best: Mapping[int, Mapping[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
+
+
+def row_settings(name: str) -> SequenceConfig:
+    """The settings of a row.
+
+    Raises:
+        ValueError: one line; there is no such row.
+    """
+    return ROWS[check_option("row", name, tuple(ROWS))]
+
+
+def make_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
+    """Train and evaluate a row, or what is left of it; its evaluation."""
+    folder = where.root / config.name
+    if (folder / storage.EVALUATION).is_file():
+        found = storage.read_evaluation(folder)
+        if found.get("settings") == config.to_json():
+            return found
+    data, plays = sets.learned_episodes(config, where.root / "data", console)
+    state = runs.train(folder, config, data, plays, console)
+    with console.status(f"{config.name} plays"):
+        found = runs.evaluate(folder, config, state)
+    storage.save_model(runs.shipped(config, state, found), folder / "best")
+    return found
+
+
+def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
+    """Rows that learn nothing, at the rate of a row; kept in a file beside the runs."""
+    file, protocol = where.root / f"bounds-{config.fps}fps.json", config.protocol
+    if not file.is_file():
+        learned = sets.official_plays(config, where.root / "data", console)
+        makers: dict[str, Callable[[], evaluation.Result]] = {
+            "doing nothing": lambda: evaluation.doing_nothing(protocol),
+            "random plans": lambda: evaluation.randomly(protocol),
+            "nearest neighbour": lambda: evaluation.nearest(learned, protocol),
+        }
+        with console.status(f"bounds at {config.fps} steps a second"):
+            found = {name: make() for name, make in makers.items()}
+        replace_json(file, {"schema": BOUNDS, "version": VERSION, "rows": found, **provenance()})
+    rows: dict[str, Any] = read_versioned(file, BOUNDS, (VERSION,))["rows"]
+    return rows
+
+
+def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
+    """Train what is missing, row by row, and write the document after each.
+
+    Args:
+        where: folders.
+        console: for progress.
+        only: names of rows; by default all.
+
+    Raises:
+        ValueError: one line; there is no such row, or a folder holds another run.
+    """
+    wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
+    found: dict[str, dict[str, Any]] = {}
+    facts = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+    below: dict[int, dict[str, Any]] = {}
+    for name, config in ROWS.items():
+        folder = where.root / name
+        if name in wanted:
+            found[name] = make_row(where, config, console)
+        elif (folder / storage.EVALUATION).is_file():
+            found[name] = storage.read_evaluation(folder)
+        if name not in found:
+            continue
+        if config.fps not in below:
+            below[config.fps] = bounds(where, config, console)
+        if name in SHIPPED and where.weights is not None:
+            storage.save_model(storage.load_model(name, folder / "best"), where.weights)
+        report.write(where.out, found, below, where.best, [row for row in ROWS if row not in found], facts)
+    console.print(f"Written: {where.out}")

@@ -1,0 +1,106 @@
+"""Training: it learns what the return decides, resumes to the same bits, and ships what it was."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rich.console import Console
+
+from iphyre_jax.models.sequence import agent, runs, storage, training
+from iphyre_jax.models.sequence.episodes import SequenceData, episodes
+from iphyre_jax.models.sequence.settings import settings, settings_from_json
+from tests.models.sequence.made_up import made_up
+
+QUIET = Console(quiet=True)
+TINY = {"layers": 1, "width": 16, "heads": 2, "seeds": 2, "updates": 60, "chunk": 30, "batch_size": 16}
+CONFIG = dataclasses.replace(settings("paper"), **TINY, learning_rate=2e-2, smoothing=0.0)
+PLAYS = made_up()
+DATA = episodes(PLAYS, CONFIG)
+ORIGIN = {"count": 4, "sha256": "0"}
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, training.SequenceState]:
+    folder = tmp_path_factory.mktemp("sequence") / "run"
+    return folder, runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
+
+
+def plans(state: training.SequenceState, asked: float) -> np.ndarray:
+    params = training.of_seed(state.params, 0)
+    return agent.Player(CONFIG, params, PLAYS.scenes, np.array([0, 1]), asked).plans()
+
+
+def test_the_return_decides(trained: tuple[Path, training.SequenceState]) -> None:
+    good, bad = plans(trained[1], 0.975), plans(trained[1], -0.02)
+    np.testing.assert_allclose(good[:, :3], [[0.5, 2.0, np.nan], [3.0, 1.2, np.nan]], atol=1e-9)
+    np.testing.assert_allclose(bad[:, :3], [[np.nan, 1.0, np.nan], [np.nan] * 3], atol=1e-9)
+
+
+def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    folder = tmp_path / "run"
+    with pytest.MonkeyPatch.context() as patched:
+        kept = storage.save
+        patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
+    assert len((folder / storage.METRICS).read_text().splitlines()) == 1 + 1
+    resumed = runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
+    for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (folder / storage.METRICS).read_bytes() == (trained[0] / storage.METRICS).read_bytes()
+    with pytest.raises(ValueError, match=r"config\.json: plays: expected those of this run"):
+        runs.train(folder, CONFIG, DATA, {**ORIGIN, "sha256": "1"}, QUIET)
+
+
+def test_ships_what_it_was(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
+    params = storage.rounded(training.of_seed(trained[1].params, 1))
+    storage.save_model(storage.TrainedModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
+    loaded = storage.load_model(CONFIG.name, tmp_path)
+    assert loaded.config == dataclasses.replace(CONFIG, seeds=1)
+    for one, other in zip(jax.tree.leaves(params), jax.tree.leaves(loaded.params), strict=True):
+        np.testing.assert_array_equal(one, other)
+    file = tmp_path / f"{CONFIG.name}.npz"
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(ValueError, match="damaged"):
+        storage.load_model(CONFIG.name, tmp_path)
+
+
+def test_blurred() -> None:
+    found = np.asarray(training.blurred(jnp.array([0, 75, 150]), 151, 0.2))
+    np.testing.assert_allclose(found.sum(axis=1), 1, rtol=1e-5)
+    assert found[2, 150] == 1
+    assert found[:2, 150].max() == 0
+    assert found[1].argmax() == 75
+    assert found[1, 73] == pytest.approx(found[1, 75] * np.exp(-0.5), rel=1e-5)  # two tenths are one deviation
+    np.testing.assert_array_equal(training.blurred(jnp.array([3]), 151, 0.0)[0], np.eye(151)[3])
+
+
+def test_long_sequences_are_cut() -> None:
+    config = dataclasses.replace(settings("paper", "on-the-fly"), context=3, batch_size=64)
+    data = episodes(made_up(10, poses=True), config)
+    batch = training.draw(config, SequenceData(*map(jnp.asarray, data)), jax.random.key(0))
+    assert batch.inputs.returns.shape == (64, 3)
+    time = np.asarray(batch.inputs.time)
+    np.testing.assert_array_equal(np.diff(time, axis=1), 1)
+    assert (np.asarray(batch.weight) > 0).all()  # parts lie before the end of a play
+    assert len(set(time[:, 0].tolist())) > 20
+
+
+def test_settings_are_checked() -> None:
+    assert settings_from_json(CONFIG.to_json(), "x") == CONFIG
+    for field, value, message in (
+        ("chunk", 7, "chunk: expected a divisor of 60 updates, got 7"),
+        ("heads", 3, "heads: expected a divisor of the width 16, got 3"),
+        ("fps", 30, "fps: expected one of 10, 60, got 30"),
+        ("solved_share", 1.5, "solved_share: expected a number from 0 to 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            dataclasses.replace(CONFIG, **{field: value}).check()
