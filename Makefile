@@ -160,6 +160,11 @@ test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in flo
 results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
+results-world: .venv/.stamp ## train the world models, three seeds each, and write docs/results/world.md; goes on where it stopped
+	for row in objects-unlimited objects-1000 objects-100 mdrnn-400 mdrnn-5000; do for seed in 0 1 2; do \
+	.venv/bin/iphyre-jax world train $$row --seed $$seed && \
+	.venv/bin/iphyre-jax world evaluate build/world/$$row-$$seed || exit 1; done; done
+
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
 	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict

@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, classifier, data, scenes, train, viewer
+from iphyre_jax.cli import analyse, classifier, data, scenes, train, viewer, world
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
@@ -159,6 +159,7 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "verify-pretrained": (VerifyPretrained, _verify_pretrained),
     "analyse": (analyse.Analyse, analyse.run),
     "classifier": (classifier.ClassifierCommand, classifier.run),
+    "world": (world.WorldCommand, world.run),
     "simulate": (Simulate, _simulate),
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),
