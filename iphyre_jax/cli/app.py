@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, viewer
+from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, viewer, world
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
@@ -161,6 +161,7 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "ask": (ask.Ask, ask.run),
     "classifier": (classifier.ClassifierCommand, classifier.run),
     "sequence": (sequence.SequenceCommand, sequence.run),
+    "world": (world.WorldCommand, world.run),
     "simulate": (Simulate, _simulate),
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),

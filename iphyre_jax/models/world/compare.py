@@ -1,0 +1,105 @@
+"""The rows of docs/results/world.md: evaluate what is trained, row by row, and write the document."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from iphyre_jax.checks import check_option
+from iphyre_jax.files import replace_json
+from iphyre_jax.models.world import report, storage
+from iphyre_jax.models.world.metrics import COLUMNS, measured, planned
+from iphyre_jax.models.world.settings import WorldConfig
+from iphyre_jax.models.world.storage import WorldModel
+from iphyre_jax.provenance import provenance
+from iphyre_jax.scenes import SPLITS
+
+# The paper's batches are of 128 windows; 5,000 steps of smaller ones are within reach of two cores.
+_MDRNN: Final = WorldConfig(model="mdrnn", data="1000", learning_rate=1e-3, steps=400, batch_size=128, chunk=20)
+ROWS: Final = {
+    config.row: config
+    for config in (
+        WorldConfig(data="unlimited"),
+        WorldConfig(data="1000"),
+        WorldConfig(data="100"),
+        _MDRNN,
+        dataclasses.replace(_MDRNN, steps=5000, batch_size=32, chunk=50),
+    )
+}
+
+
+def row_settings(name: str, seed: int = 0) -> WorldConfig:
+    """The settings of a row.
+
+    Raises:
+        ValueError: one line; there is no such row, or no such seed.
+    """
+    config = dataclasses.replace(ROWS[check_option("row", name, tuple(ROWS))], seed=seed)
+    config.check()
+    return config
+
+
+def evaluate(folder: Path, plans: int, console: Console) -> dict[str, Any]:
+    """Measure a run and write evaluation.json after each part; parts that are there are kept.
+
+    Args:
+        folder: of the run, which may be under way.
+        plans: that are imagined for each game; 0 for no planning.
+        console: for progress.
+
+    Raises:
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+    """
+    model = storage.trained_model(folder)
+    content = _evaluation(folder, model)
+    for column in COLUMNS:
+        if column not in content["columns"]:
+            with console.status(f"{folder.name}: {column}"):
+                content["columns"][column] = measured(model, column)
+            replace_json(folder / storage.EVALUATION, content)
+    for split in report.PLANNED if plans else ():
+        if content["planning"].get(split, {}).get("plans") != plans:
+            with console.status(f"{folder.name}: plans in {split}"):
+                content["planning"][split] = planned(model, SPLITS[split], plans)
+            replace_json(folder / storage.EVALUATION, content)
+    return content
+
+
+def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
+    """The evaluation of a run so far; a new one if it was trained further."""
+    steps = model.origin["steps"]
+    if (folder / storage.EVALUATION).is_file():
+        found = storage.read_evaluation(folder)
+        if found.get("settings") == model.config.to_json() and found.get("steps") == steps:
+            return found
+    return {
+        "schema": storage.SCHEMA,
+        "version": storage.VERSION,
+        "settings": model.config.to_json(),
+        "steps": steps,
+        "columns": {},
+        "planning": {},
+        **provenance(),
+    }
+
+
+def write_report(root: Path, out: Path) -> None:
+    """Write the document from the evaluations of the runs in a folder.
+
+    Raises:
+        FileNotFoundError, ValueError: one line; there is none, or one is damaged.
+    """
+    files = sorted(root.glob(f"*/{storage.EVALUATION}"))
+    found: dict[str, list[dict[str, Any]]] = {}
+    for name in ROWS:
+        runs = [file.parent for file in files if file.parent.name.rpartition("-")[0] == name]
+        if runs:
+            found[name] = [storage.read_evaluation(folder) for folder in runs]
+    if not found:
+        raise FileNotFoundError(f"{root}: expected evaluated runs, found none")
+    facts = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+    report.write(out, found, facts)

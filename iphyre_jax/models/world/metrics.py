@@ -1,0 +1,167 @@
+"""What a world model is worth: errors by horizon beside two bounds, calibration, imagined outcomes, planning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.attempts.protocol import attempts
+from iphyre_jax.models.world.imagine import MOVERS, TIES, WorldImagination, WorldPlanner, roll_out
+from iphyre_jax.models.world.interface import (
+    NEIGHBOURS,
+    Predict,
+    falls_until_contact,
+    nothing_moves,
+    predictor,
+    roll,
+    start_memory,
+)
+from iphyre_jax.models.world.networks import objects
+from iphyre_jax.models.world.plays import MOVING, official_plays
+from iphyre_jax.models.world.rows import rows_of
+from iphyre_jax.models.world.settings import WorldConfig
+from iphyre_jax.models.world.storage import WorldModel
+from iphyre_jax.models.world.tables import Plays, SceneTables, State, state_of
+from iphyre_jax.models.world.training import taken
+from iphyre_jax.scenes import SPLITS
+
+HORIZONS: Final = (1, 5, 10, 30, 60)  # steps of 0.1 s
+WINDOWS: Final = 300  # of a split
+PLAYS: Final = 10  # of each game
+HELD: Final = "basic"  # games that were learned from, with other plans
+COLUMNS: Final = (HELD, "unseen_basic", "noisy", "compositional", "multi_ball")
+BOUNDS: Final[Mapping[str, Predict]] = {"nothing moves": nothing_moves, "free fall until contact": falls_until_contact}
+SEED: Final = 1  # of the judged plans
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int32]
+
+
+def judged_plays(split: str, each: int = PLAYS) -> Plays:
+    """Plays of a split that no run learns from."""
+    return official_plays(SPLITS[split], each, SEED, MOVERS, TIES)
+
+
+def _balls(plays: Plays) -> npt.NDArray[np.bool_]:
+    """(S, M) which moving bodies are balls."""
+    ball = np.take_along_axis(np.asarray(plays.scenes.ball), np.asarray(plays.scenes.mover), axis=1)
+    return np.asarray(ball & np.asarray(plays.scenes.moves))
+
+
+def moving_windows(plays: Plays, count: int = WINDOWS) -> Integers:
+    """Beginnings (W, 2), play and instant, at which a ball moves; always the same ones."""
+    state, scene = np.asarray(plays.state), np.asarray(plays.scene)
+    speed = np.linalg.norm(state[..., 3:5], axis=-1)
+    moving = ((speed > MOVING) & _balls(plays)[scene][:, None]).any(axis=-1)
+    found = np.argwhere(moving & (np.arange(state.shape[1]) + 1 < np.asarray(plays.valid)[:, None]))
+    chosen = np.random.default_rng(0).permutation(len(found))[:count]
+    return found[np.sort(chosen)].astype(np.int32)
+
+
+def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, plays: Plays, index: Integers) -> Floats:  # noqa: ANN401
+    """Distances (horizons, W, M), px, between predicted and real balls; NaN for other bodies and after the end.
+
+    Args:
+        predict: of a model or a bound.
+        params: its parameters.
+        config: its settings; None for a bound.
+        plays: that really happened.
+        index: (W, 2) play and instant at which each prediction begins.
+    """
+    number, instant = index[:, 0], index[:, 1]
+    scene: SceneTables = jax.tree.map(jnp.asarray, taken(plays.scenes, jnp.asarray(plays.scene)[number]))
+    recorded = np.asarray(plays.state)
+    state = State(*map(jnp.asarray, state_of(recorded[number, instant])))
+    gone = np.asarray(plays.gone)[number] - instant[:, None]
+    rows = rows_of(scene, state, jnp.asarray(gone >= 0))
+    centre = np.asarray(roll(predict, params, start_memory(config, scene), rows, jnp.asarray(gone), max(HORIZONS)))
+    mover = np.asarray(scene.mover)
+    errors = np.full((len(HORIZONS), *mover.shape), np.nan)
+    for k, horizon in enumerate(HORIZONS):
+        there = np.take_along_axis(centre[horizon - 1], mover[..., None], axis=1)
+        later = np.minimum(instant + horizon, recorded.shape[1] - 1)
+        error = np.linalg.norm(there - recorded[number, later][..., :2], axis=-1)
+        counted = (instant + horizon < np.asarray(plays.valid)[number])[:, None] & _balls(plays)[plays.scene[number]]
+        errors[k] = np.where(counted, error, np.nan)
+    return errors
+
+
+@partial(jax.jit, static_argnums=0)
+def _one_step(config: WorldConfig, params: Any, scene: SceneTables, state: State, alive: jax.Array) -> Any:  # noqa: ANN401
+    return objects.step(config, params, scene, state, alive, NEIGHBOURS)
+
+
+def calibration(model: WorldModel, plays: Plays, index: Integers) -> dict[str, float]:
+    """Shares of the true places of balls after 0.1 s within one and two sigma; right would be 68 and 95 %."""
+    number, instant = index[:, 0], index[:, 1]
+    scene = taken(plays.scenes, jnp.asarray(plays.scene)[number])
+    recorded = np.asarray(plays.state)
+    state = State(*map(jnp.asarray, state_of(recorded[number, instant])))
+    alive = jnp.asarray(np.asarray(plays.gone)[number] > instant[:, None])
+    mean, sigma = _one_step(model.config, model.params, scene, state, alive)
+    apart = (
+        np.abs(np.asarray(mean.centre) - recorded[number, instant + 1][..., :2]) / np.asarray(sigma.centre)[..., None]
+    )
+    counted = apart[_balls(plays)[plays.scene[number]]]
+    return {"one sigma": float((counted < 1).mean()), "two sigma": float((counted < 2).mean())}
+
+
+def outcomes(predict: Predict, model: WorldModel, plays: Plays) -> dict[str, float]:
+    """Share of plans whose outcome is imagined rightly, and the share if the more frequent one were always said."""
+    found = roll_out(predict, model, plays.scenes, np.asarray(plays.scene), np.asarray(plays.gone)).success
+    real, game = np.asarray(plays.success), np.asarray(plays.scene)
+    rate = np.array([real[game == k].mean() for k in np.unique(game)])
+    return {
+        "right": float((found == real).mean()),
+        "right if solved": float(found[real].mean()) if real.any() else float("nan"),
+        "right if not": float((~found[~real]).mean()) if not real.all() else float("nan"),
+        "more frequent outcome of each game": float(np.maximum(rate, 1 - rate).mean()),
+    }
+
+
+def measured(model: WorldModel, split: str) -> dict[str, Any]:
+    """All measures of a model on a split, as JSON values."""
+    plays, predict = judged_plays(split), predictor(model.config)
+    index = moving_windows(plays)
+    each = {"model": horizon_errors(predict, model.params, model.config, plays, index)}
+    for name, bound in BOUNDS.items():
+        each[name] = horizon_errors(bound, (), None, plays, index)
+    content: dict[str, Any] = {
+        "plays": len(plays.scene),
+        "windows": len(index),
+        "median error px": {name: [float(np.nanmedian(row)) for row in rows] for name, rows in each.items()},
+        "one step, 90 %": float(np.nanquantile(each["model"][0], 0.9)),
+        "outcomes": outcomes(predict, model, plays),
+    }
+    if model.config.model == "objects":
+        content["calibration"] = calibration(model, plays, index)
+    return content
+
+
+def planned(model: WorldModel, games: Sequence[str], plans: int, k: int = 5, seed: int = 0) -> dict[str, Any]:
+    """Rewards and successes of planning in a model, at 60 steps a second, in float64 and a fresh space.
+
+    Args:
+        model: trained.
+        games: to play.
+        plans: imagined plans of each game.
+        k: attempts: the k best imagined plans.
+        seed: of the drawn plans.
+    """
+    played = attempts(WorldPlanner(WorldImagination(model), plans), k, games=games, seed=seed)
+    return {
+        "games": {
+            game: [float(played.reward[at, 0, 0]), float(played.reward[at, 0].max())] for at, game in enumerate(games)
+        },
+        "reward": [float(played.reward[:, 0, 0].mean()), float(played.reward[:, 0].max(axis=-1).mean())],
+        "solved": [float(played.success[:, 0, 0].mean()), float(played.success[:, 0].any(axis=-1).mean())],
+        "plans": plans,
+        "attempts": k,
+        "faults": played.faults,
+    }

@@ -1,0 +1,1 @@
+"""Networks of the world models: plain functions of trees of arrays."""

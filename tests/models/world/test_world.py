@@ -1,0 +1,154 @@
+"""World models: what is exact is exact, training resumes to the same bits, and files are verified."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rich.console import Console
+
+from iphyre_jax.models.world import plays, runs, storage
+from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
+from iphyre_jax.models.world.interface import falls_until_contact, nothing_moves, predictor, start_memory, start_rows
+from iphyre_jax.models.world.metrics import horizon_errors
+from iphyre_jax.models.world.networks import mdrnn, objects
+from iphyre_jax.models.world.rows import rows_of, state_in
+from iphyre_jax.models.world.settings import WorldConfig, settings_from_json
+from iphyre_jax.models.world.tables import scene_tables, state_of
+from iphyre_jax.models.world.training import taken
+from iphyre_jax.observations.official import object_rows, scene_features
+from iphyre_jax.scenes import load_scene
+from tests.models.world.made_up import falling
+
+QUIET = Console(quiet=True)
+MDRNN = WorldConfig(model="mdrnn", data="100", steps=4, chunk=2, batch_size=2, sequence=3)
+OBJECTS = WorldConfig(width=8, latent=2, parts=2, passes=1, neighbours=2, batch_size=2, steps=2, chunk=1, unroll=1)
+PLAYS = falling(3)
+PARAMS = objects.init(OBJECTS, jax.random.key(0))
+
+
+def test_rows_are_the_official_ones_and_give_the_state_back() -> None:
+    scene = load_scene("pendulum")
+    tables = scene_tables([scene])
+    rows = start_rows(taken(tables, jnp.zeros(1, jnp.int32)))
+    features = scene_features(scene)
+    official = object_rows(features, features.position, np.zeros(12), features.present)
+    official[:, 7:] = np.minimum(official[:, 7:], 1)
+    np.testing.assert_allclose(rows[0, :, :9], official, atol=1e-3)
+    _, state = state_in(taken(tables, jnp.zeros(1, jnp.int32)), rows)
+    np.testing.assert_allclose(state.centre[0, 0], features.position[6], atol=1e-4)
+    np.testing.assert_allclose(state.velocity[0, 0], [0, 100 / 60], atol=1e-4)
+    assert tables.tie[0, 0, 0] == 1
+    assert tables.rest[0, 0, 0] == pytest.approx(np.linalg.norm(features.position[6] - features.position[5]))
+
+
+def test_removals_fall_on_instants() -> None:
+    # Removed before physics step 7: at instant 1, which begins after step 7 - 6 * 1 = 1. Before step 18: one later.
+    assert plays.instants(np.array([0, 1, 2, 7, 13, 18, -1])).tolist() == [0, 0, 1, 1, 2, 3, plays.STAYS]
+
+
+def test_free_fall_is_exact_before_training() -> None:
+    index = np.array([[0, 0], [1, 3], [2, 10]], np.int32)
+    errors = horizon_errors(predictor(OBJECTS, 2), PARAMS, OBJECTS, falling(3, 80), index)
+    assert errors.shape == (5, 3, 1)
+    assert errors[:4].max() < 0.05  # 3 s in float32
+    still = horizon_errors(nothing_moves, (), None, falling(3, 80), index)
+    assert still[0, 0, 0] == pytest.approx(np.hypot(0.7, 0.1 * 100 / 60 + 15 * 100 / 3600), rel=1e-3)
+    assert horizon_errors(falls_until_contact, (), None, falling(3, 80), index)[3].max() < 0.05
+
+
+def test_a_removed_block_is_gone_and_a_block_that_stays_is_felt() -> None:
+    scene = taken(PLAYS.scenes, jnp.zeros(2, jnp.int32))
+    state = state_of(jnp.asarray(PLAYS.state)[jnp.array([0, 0]), 0])
+    state = state._replace(centre=scene.centre[:, :1] - jnp.array([[[0.0, 28.0]]]))  # it touches the first block
+    rows = rows_of(scene, state, jnp.ones((2, 12), bool))
+    removal = jnp.zeros((2, 12), bool).at[1, :2].set(True)
+    after, _ = predictor(OBJECTS, 2)(PARAMS, start_memory(OBJECTS, scene), rows, removal)
+    assert float(jnp.abs(after[1, :2]).max()) == 0
+    assert float(jnp.abs(after[0, :2] - rows[0, :2]).max()) == 0  # static blocks stay
+    assert float(jnp.abs(after[0, 2] - after[1, 2]).max()) > 1e-6
+
+
+def test_sigma_is_bounded_and_finite() -> None:
+    scene = taken(PLAYS.scenes, jnp.zeros(3, jnp.int32))
+    state = state_of(jnp.asarray(PLAYS.state)[:, 0])
+    wild = jax.tree.map(lambda leaf: leaf * 10, PARAMS)
+    _, sigma = objects.step(OBJECTS, wild, scene, state, jnp.ones((3, 12), bool), 2)
+    for spread, (low, high) in zip(sigma, objects.BOUNDS, strict=True):
+        assert np.isfinite(spread).all()
+        assert low * 0.999 <= float(spread.min()) <= float(spread.max()) <= high * 1.001
+
+
+def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> None:
+    whole = runs.train(tmp_path / "whole", MDRNN, QUIET, PLAYS)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patched:
+        kept = storage.save
+        patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
+        with pytest.raises(KeyboardInterrupt):
+            runs.train(tmp_path / "cut", MDRNN, QUIET, PLAYS)
+    resumed = runs.train(tmp_path / "cut", MDRNN, QUIET, PLAYS)
+    for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert np.isfinite(one).all()
+    assert (tmp_path / "cut" / storage.METRICS).read_bytes() == (tmp_path / "whole" / storage.METRICS).read_bytes()
+    with pytest.raises(ValueError, match=r"config\.json: settings: expected those of this run"):
+        runs.train(tmp_path / "cut", dataclasses.replace(MDRNN, seed=1), QUIET, PLAYS)
+
+
+def test_objects_learns_and_ships(tmp_path: Path) -> None:
+    state = runs.train(tmp_path / "run", OBJECTS, QUIET, PLAYS)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
+    model = storage.trained_model(tmp_path / "run")
+    storage.save_model("one", model, tmp_path)
+    loaded = storage.load_model("one", tmp_path)
+    for one, other in zip(jax.tree.leaves(model.params), jax.tree.leaves(loaded.params), strict=True):
+        np.testing.assert_array_equal(one, other)
+    (tmp_path / "one.npz").write_bytes((tmp_path / "one.npz").read_bytes()[:-1])
+    with pytest.raises(ValueError, match="damaged"):
+        storage.load_model("one", tmp_path)
+
+
+def test_imagination_keeps_the_rules() -> None:
+    """With the bound that stops at the first contact: "support" is solved once both blocks are gone."""
+    model = storage.WorldModel(OBJECTS, PARAMS, {})
+    imagination = WorldImagination(model, falls_until_contact)
+    found = imagination.imagined("support", [[0.1, 0.1], [np.nan, np.nan]])
+    assert found.success.tolist() == [True, False]
+    assert found.eliminations.tolist() == [2, 0]
+    assert found.steps[1] == 900
+    assert found.reward[0] == pytest.approx(1000 - 20 - found.steps[0] / 60)
+    assert found.reward[1] == pytest.approx(-15)
+    agent = WorldPlanner(imagination, 20)
+    plans = agent(load_scene("support"), 3, np.random.default_rng(0), ())
+    assert plans.shape == (3, 2)
+
+
+def test_mdrnn_sees_lengths_scaled_and_flags_whole() -> None:
+    rows = jnp.zeros((1, 12, 12)).at[0, 0, :9].set(jnp.array([60.0, 120.0, 180.0, 120.0, 10.0, 1.0, 0.0, 1.0, 0.0]))
+    table = mdrnn.scaled(rows)
+    assert table[0, :9].tolist() == pytest.approx([0.1, 0.2, 0.3, 0.2, 1 / 60, 1, 0, 1, 0])
+    removal = jnp.zeros((1, 12), bool).at[0, 0].set(True)
+    assert mdrnn.action_of(rows, removal)[0].tolist() == pytest.approx([0.2, 0.2])
+    assert mdrnn.action_of(rows, ~removal & removal)[0].tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(("field", "value"), [("parts", 4), ("steps", 3), ("model", "gpt"), ("noise_px", -1.0)])
+def test_wrong_settings_are_refused(field: str, value: object) -> None:
+    content = {**WorldConfig(steps=4, chunk=2).to_json(), field: value}
+    with pytest.raises(ValueError, match=rf"file: settings: ({field}|chunk): expected"):
+        settings_from_json(content, "file")
+
+
+@pytest.mark.parametrize("name", storage.names())
+def test_what_ships_loads(name: str) -> None:
+    model = storage.load_model(name)
+    assert model.config.row == name
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.params))
