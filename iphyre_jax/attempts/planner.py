@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,16 +59,41 @@ class Planner:
             raise ValueError(f"plans: expected at least {k} imagined plans for as many attempts, got {self.plans}")
         times = random_plans(rng, len(scene.eliminable_blocks), self.plans)
         scenes = displaced(scene, self.copies, self.sigma, rng) if self.sigma else [scene]
-        reward = simulate_many(
-            scenes,
-            np.repeat(np.arange(len(scenes)), self.plans),
-            np.tile(plan_to_steps(times, self.fps, "simulate"), (len(scenes), 1)),
-            fps=self.fps,
-            resets=self.resets,
-            dtype=self.dtype,
-        ).reward
-        best = np.argsort(-reward.reshape(len(scenes), self.plans).mean(axis=0), kind="stable")
-        return times[best[:k]]
+        imagined = imagined_rewards(scenes, times, fps=self.fps, resets=self.resets, dtype=self.dtype)
+        return times[preferred(imagined)[:k]]
+
+
+def imagined_rewards(
+    scenes: Sequence[Scene], times: npt.NDArray[np.floating[Any]], *, fps: int, resets: int, dtype: str
+) -> Floats:
+    """Return the reward of each plan in each scene, (K, N) points.
+
+    Args:
+        scenes: K of one topology, as the planner takes the world to be.
+        times: (N, S) s, plans; NaN for never.
+        fps: physics steps a second.
+        resets: number of the reset.
+        dtype: of the physics.
+    """
+    reward = simulate_many(
+        scenes,
+        np.repeat(np.arange(len(scenes)), len(times)),
+        np.tile(plan_to_steps(times, fps, "simulate"), (len(scenes), 1)),
+        fps=fps,
+        resets=resets,
+        dtype=dtype,
+    ).reward
+    return np.asarray(reward.reshape(len(scenes), len(times)), np.float64)
+
+
+def preferred(imagined: Floats, weights: Floats | None = None) -> npt.NDArray[np.intp]:
+    """Return plans by mean imagined reward, best first; the first one imagined is first among equals.
+
+    Args:
+        imagined: (K, N) points.
+        weights: (K,) of the scenes; by default all count alike.
+    """
+    return np.argsort(-np.average(imagined, axis=0, weights=weights), kind="stable")
 
 
 def displaced(scene: Scene, count: int, sigma: float, rng: np.random.Generator) -> list[Scene]:

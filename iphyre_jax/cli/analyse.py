@@ -12,6 +12,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.analyses import attempts_rows, claims, difficulty, failures, oracle, people, protocols, slack, tables
+from iphyre_jax.analyses.imagination import report as imagination
 from iphyre_jax.analyses.rows import Row, read_rows
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.console import option, say
@@ -20,7 +21,17 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
 
 What = Literal[
-    "oracle", "difficulty", "slack", "failures", "people", "within-template", "games", "protocols", "attempts", "claims"
+    "oracle",
+    "difficulty",
+    "slack",
+    "failures",
+    "people",
+    "within-template",
+    "games",
+    "protocols",
+    "attempts",
+    "imagination",
+    "claims",
 ]
 SEEDS: Final = 5  # of the difficulty
 
@@ -37,7 +48,7 @@ class Analyse:
         option(
             "ANALYSIS ...",
             "oracle, difficulty, slack, failures, people, within-template, games, protocols, "
-            "attempts, claims, in the order in which they are made.",
+            "attempts, imagination, claims, in the order in which they are made.",
             "all of them",
         ),
     ] = ()
@@ -108,6 +119,14 @@ def _attempts(command: Analyse, console: Console) -> str:
     return attempts_rows.document(found, missing)
 
 
+def _imagination(command: Analyse, console: Console) -> str:
+    """Imagine game by game."""
+    for game in () if command.written_only else GAMES:
+        with console.status(f"imagination: {game}"):
+            imagination.compute(command.rows, game)
+    return imagination.document(command.rows)
+
+
 def _claims(command: Analyse, console: Console) -> str:
     """Judge the claims by what the other analyses found."""
     del console
@@ -138,5 +157,6 @@ DOCUMENTS: Final[dict[What, Callable[[Analyse, Console], str]]] = {
     "games": lambda command, console: tables.games_document(policies()),
     "protocols": _protocols,
     "attempts": _attempts,
+    "imagination": _imagination,
     "claims": _claims,
 }
