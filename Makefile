@@ -171,6 +171,7 @@ results-offline: .venv/.stamp ## train every outcome classifier and write docs/r
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped
 	.venv/bin/iphyre-jax sequence compare --weights iphyre_jax/models/sequence/weights
+
 results-world: .venv/.stamp ## train the world models, three seeds each, and write docs/results/world.md; goes on where it stopped
 	for row in objects-unlimited objects-1000 objects-100 mdrnn-400 mdrnn-5000; do for seed in 0 1 2; do \
 	.venv/bin/iphyre-jax world train $$row --seed $$seed && \
