@@ -17,6 +17,8 @@ PACKAGE = Path(iphyre_jax.__file__).parent
 # Caches without a bound: what each call's arguments can be is bounded.
 BOUNDED_BY_NATURE = {
     "_read_library": "no arguments",
+    "_test_games": "no arguments",
+    "plan_stream": "numbers of eliminable blocks, up to six",
     "_package_game": "the games of the package",
     "_client": "no arguments",
     "_devices": "no arguments",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -60,7 +60,6 @@ class Imagination:
         return f"imagined-{self.sigma:g}px-{self.fps}fps-{self.proposals}"
 
 
-@cache
 def _policy_plans(game: str, draw: int) -> Floats:
     """Sampled plans of POLICY, (n, S) s."""
     policy = load_pretrained(POLICY)

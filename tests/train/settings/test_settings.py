@@ -27,7 +27,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"agent": "dqn", "learner": DQN()},
         "strategy: expected on-the-fly with agent dqn, got 'in-advance'",
     ),
-    "preset": ({"preset": "best"}, "preset: expected one of default, paper"),
+    "preset": ({"preset": "best"}, "preset: expected one of default, quick, paper"),
     "head": ({"head": "beta"}, "head: expected one of time_grid"),
     "agent's head": (
         {"head": "tanh_normal"},
