@@ -31,6 +31,9 @@ venv: .venv/.stamp ## make .venv with everything that the other targets need
 run: .venv/.stamp ## train the plan-in-advance agent on the basic split and evaluate it on all 40 games
 	.venv/bin/iphyre-jax train
 
+on-the-fly: .venv/.stamp ## shipped policies that act on the fly: greedy by mode and by median, beside sampled actions
+	$(PY) -m benchmarks.on_the_fly
+
 test: lint ## lint, types and the whole test suite
 	$(PY) -m pytest -n 2 --dist worksteal
 

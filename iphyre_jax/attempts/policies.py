@@ -50,13 +50,14 @@ def policy_attempts(
     check_whole("seed", seed, 0, MAX_SEED)
     played = replace(config, fps=whole_fps(fps), resets=check_resets(resets))
     agent = algorithm(played)
+    greedy = agent.greedy_policy(learner)
     is_first = np.arange(len(games) * tries) % k == 0
 
     def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
         sampled = agent.sample_action(learner, key, obs, num_samples)
         if not greedy_first:
             return sampled
-        best = jnp.repeat(agent.greedy(learner, obs), num_samples, axis=0)
+        best = jnp.repeat(greedy(obs), num_samples, axis=0)
         chosen = jnp.asarray(is_first.reshape(-1, *(1,) * (best.ndim - 1)))
         return sampled._replace(action=jnp.where(chosen, best, sampled.action))
 

@@ -102,11 +102,12 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
     """
     _require_finite(algorithm(config).inference_state(learner))
     agent, episodes = algorithm(config), 1 + config.sampled_episodes
+    greedy = agent.greedy_policy(learner)
     first = np.arange(len(games) * episodes) % episodes == 0
 
     def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
         sampled = agent.sample_action(learner, key, obs, num_samples)
-        best = jnp.repeat(agent.greedy(learner, obs), num_samples, axis=0)
+        best = jnp.repeat(greedy(obs), num_samples, axis=0)
         is_greedy = jnp.asarray(first.reshape(-1, *(1,) * (best.ndim - 1)))
         return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
 

@@ -93,9 +93,10 @@ class Trainer:
     def greedy_reward(self) -> float:
         """Mean reward of the present policy's greedy episodes, one of each training game."""
         learner = self.state.learner
+        greedy = self._algorithm.greedy_policy(learner)
 
         def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
             sampled = self._algorithm.sample_action(learner, key, obs, num_samples)
-            return sampled._replace(action=self._algorithm.greedy(learner, obs))
+            return sampled._replace(action=greedy(obs))
 
         return float(self._games.collect(policy, jax.random.key(0), 1)[1].reward.mean())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import flax.linen as nn
 import jax
@@ -17,8 +17,10 @@ import optax
 
 from iphyre_jax.train.algos.advantage import advantages
 from iphyre_jax.train.algos.base import Algorithm, Metrics, descend, forward, global_norm, jitted
+from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
+from iphyre_jax.train.hazard import Hazard, median_action
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.agents import PolicyGradient
 
@@ -105,6 +107,13 @@ class ActorCritic(Algorithm[S]):
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
         """The most probable action for each observation (B, D)."""
         return self.head.action(self.head.mode(self.outputs(state.params, obs), slot_mask(obs)))
+
+    @jitted(0)
+    def median(self, state: State, obs: jax.Array, hazard: Hazard) -> tuple[jax.Array, Hazard]:
+        """See `Algorithm`."""
+        head = cast(CategoricalHead, self.head)  # the settings allow no other on the fly
+        outputs = self.outputs(state.params, obs)
+        return median_action(hazard, head.log_probabilities(outputs, slot_mask(obs)))
 
     def inference_state(self, state: State) -> State:
         """See `Algorithm`."""

@@ -15,6 +15,7 @@ import optax
 from iphyre_jax.train.algos.distributions import Head, action_head
 from iphyre_jax.train.algos.networks import Params, network
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
+from iphyre_jax.train.hazard import Hazard, no_hazard
 from iphyre_jax.train.settings.run import TrainConfig
 
 S = TypeVar("S")
@@ -61,6 +62,22 @@ class Algorithm(ABC, Generic[S]):
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
         """The action that the policy prefers for each observation (B, D)."""
 
+    def median(self, state: State, obs: jax.Array, hazard: Hazard) -> tuple[jax.Array, Hazard]:
+        """On the fly: the preferred actions (B,) at observations (B, D) after what came before them in their episodes.
+
+        Policies that are drawn from act at the median of their time; here, those that are not act at once.
+        """
+        return self.greedy(state, obs), hazard
+
+    def greedy_policy(self, state: State) -> Callable[[jax.Array], jax.Array]:
+        """The preferred actions of whole episodes: call it with their observations (B, D), decision after decision.
+
+        On the fly that is `median`, else `greedy`.
+        """
+        if self.config.strategy != "on-the-fly":
+            return lambda obs: self.greedy(state, obs)
+        return _MedianPolicy(self, state)
+
     @abstractmethod
     def inference_state(self, state: State) -> State:
         """The state without what only `learn` reads."""
@@ -77,6 +94,20 @@ class Algorithm(ABC, Generic[S]):
     def network(self, shape: tuple[int, ...], scale: float, *, dueling: bool = False) -> nn.Module:
         """A network with outputs of a shape."""
         return network(self.config, shape, scale, dueling=dueling)
+
+
+class _MedianPolicy:
+    """Acts at the median of the time until the next removal; it keeps the hazard of its episodes."""
+
+    def __init__(self, agent: Algorithm[Any], state: State) -> None:
+        self._agent, self._state = agent, state
+        self._hazard: Hazard | None = None
+
+    def __call__(self, obs: jax.Array) -> jax.Array:
+        """(B,) int32 actions for the next observations (B, D)."""
+        hazard = no_hazard(len(obs)) if self._hazard is None else self._hazard
+        action, self._hazard = self._agent.median(self._state, obs, hazard)
+        return action
 
 
 def forward(module: nn.Module, params: Params, obs: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ Shapes: N transitions, A candidates of each (7 on the fly, else 1), D numbers in
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import flax.linen as nn
 import jax
@@ -23,6 +23,7 @@ from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, 
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, polyak_update
 from iphyre_jax.train.algos.replay import Transition
 from iphyre_jax.train.collect import PolicyOutput
+from iphyre_jax.train.hazard import Hazard, median_action
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.agents import SAC
 
@@ -117,6 +118,13 @@ class SACAlgorithm(OffPolicyAlgorithm[SAC]):
         """The most probable action for each observation (B, D)."""
         outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
         return self.head.action(self.head.mode(outputs, slot_mask(obs)))
+
+    @jitted(0)
+    def median(self, state: State, obs: jax.Array, hazard: Hazard) -> tuple[jax.Array, Hazard]:
+        """See `Algorithm`."""
+        head = cast(CategoricalHead, self.head)  # the settings allow no other on the fly
+        outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
+        return median_action(hazard, head.log_probabilities(outputs, slot_mask(obs)))
 
     def inference_state(self, state: State) -> State:
         """See `Algorithm`."""

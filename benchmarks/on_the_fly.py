@@ -1,0 +1,141 @@
+"""`make on-the-fly`: the shipped policies that act on the fly, greedily in two ways, beside their sampled actions.
+
+    python -m benchmarks.on_the_fly --out docs/results
+    python -m benchmarks.on_the_fly --out docs/results --test    # plays the forty games too, and counts that it did
+
+The mode takes the most likely action at each decision; the median waits until half of the policy's chance of acting has
+passed (`train/hazard.py`). The rule was chosen on the basic games and their unseen layouts. With --test the
+scores of the shipped weights are written anew.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+import numpy as np
+import tyro
+
+from iphyre_jax.execution.configuration import configure
+from iphyre_jax.files import read_json_object, replace_json, replace_text
+from iphyre_jax.provenance import provenance
+from iphyre_jax.scenes import SPLITS, Scene
+from iphyre_jax.train.algos.base import without_value
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.collect import PolicyFn, PolicyOutput, rollout_collector
+from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
+from iphyre_jax.train.scenes import variations
+from iphyre_jax.train.storage.pretrained import PLAYED, WEIGHTS, Pretrained, load_pretrained, save_pretrained
+
+POLICIES: Final = ("ppo-o", "a2c-o", "sac-o", "dqn-o")
+SAMPLES: Final = 20  # episodes of a scene with sampled actions
+VARIED: Final = 5  # variations of each basic game; these policies were trained on none
+VARIED_SEED: Final = 20
+COUNTER: Final = "forty-on-the-fly.json"  # how often this command has played the forty games
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Play the shipped policies that act on the fly."""
+
+    out: Path = Path("docs/results")
+    """Folder of on-the-fly.md and of the count of runs."""
+    test: bool = False
+    """Play the forty games too, count it, and write the scores of the shipped weights anew."""
+
+
+def main(arguments: Arguments) -> None:
+    """Play and write the document."""
+    configure()
+    policies = [load_pretrained(name) for name in POLICIES]
+    varied = [scene for game in SPLITS["basic"] for scene in variations(game, VARIED, VARIED_SEED)]
+    games: dict[str, Sequence[str | Scene]] = {
+        "Basic": SPLITS["basic"],
+        "Unseen basic": SPLITS["unseen_basic"],
+        f"{len(varied)} variations": varied,
+    }
+    means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
+    parts = [_intro(policies[0]), _table(list(games), means)]
+    if arguments.test:
+        parts.append(_forty(policies, _counted(arguments.out / COUNTER)))
+    parts.append(f"## Origin\n\n```json\n{json.dumps(provenance(), indent=1)}\n```")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    replace_text(arguments.out / "on-the-fly.md", "\n\n".join(parts) + "\n")
+
+
+def _means(policy: Pretrained, scenes: Sequence[str | Scene]) -> tuple[float, float, float]:
+    """Mean rewards of the mode, of the median and of sampled actions."""
+    agent = algorithm(policy.config)
+
+    def sampled(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        return agent.sample_action(policy.state, key, obs, num_samples)
+
+    rollout = rollout_collector(policy.config, scenes)
+
+    def mean(chosen: PolicyFn, episodes: int) -> float:
+        return float(np.mean(rollout.collect(chosen, jax.random.key(0), episodes)[1].reward))
+
+    mode, median = _preferring(policy.greedy), _preferring(agent.greedy_policy(policy.state))
+    return mean(mode, 1), mean(median, 1), mean(sampled, SAMPLES)
+
+
+def _preferring(greedy: Callable[[jax.Array], jax.Array]) -> PolicyFn:
+    """A policy of preferred actions, one for each observation."""
+
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        del key, num_samples
+        action = greedy(obs)
+        return without_value(action, action)
+
+    return policy
+
+
+def _intro(policy: Pretrained) -> str:
+    """What was played, and how."""
+    config = policy.config
+    return (
+        "# On the fly, greedily\n\nWritten by `make on-the-fly`. Shipped policies, one seed each: the best of five by "
+        f"mode on basic and unseen basic games. {config.fps} fps, reset {config.resets}, {config.dtype}. Mode: the "
+        "most likely action at each decision. Median: the next block goes when half of the policy's chance of acting "
+        f"has passed. Both play one episode a scene, sampled actions {SAMPLES}. The median was chosen on basic and "
+        "unseen basic games; variations are of the basic games, and none was trained on."
+    )
+
+
+def _table(titles: Sequence[str], means: dict[str, list[tuple[float, float, float]]]) -> str:
+    """Mode, median and sampled of each policy, for each kind of scene."""
+    header = ["policy", *(f"{title}: {kind}" for title in titles for kind in ("mode", "median", "sampled"))]
+    rows = [[name, *(f"{value:.1f}" for kinds in found for value in kinds)] for name, found in means.items()]
+    return markdown_table(header, rows)
+
+
+def _counted(file: Path) -> int:
+    """Count a run on the forty games before it begins; returns how many there are with this one."""
+    runs = int(read_json_object(file)["runs"]) + 1 if file.is_file() else 1
+    file.parent.mkdir(parents=True, exist_ok=True)
+    replace_json(file, {"runs": runs})
+    return runs
+
+
+def _forty(policies: Sequence[Pretrained], runs: int) -> str:
+    """Greedy (median) and sampled rewards by split; writes the scores of the shipped weights anew."""
+    rows = []
+    for policy in policies:
+        evaluation = evaluate(policy.config, policy.state, PLAYED)
+        scores: dict[str, Any] = evaluation.to_json()
+        origin = {key: value for key, value in policy.origin.items() if key != "evaluated"}
+        save_pretrained(policy.name, policy.config, policy.state, scores, origin, WEIGHTS)
+        for kind in ("greedy", "sampled"):
+            found = [evaluation.mean(kind, split) for split in COLUMNS]
+            rows.append([f"{policy.name}, {kind}", *(f"{s.reward:.1f} {100 * s.success:.0f}%" for s in found)])
+    header = ["policy", *(TITLES[split] for split in COLUMNS)]
+    return f"## All forty games\n\nRun {runs} of this command on them.\n\n{markdown_table(header, rows)}"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
