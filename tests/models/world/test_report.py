@@ -72,6 +72,27 @@ def test_a_bound_is_played_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(games) == 80 * len(rows)
 
 
+def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved: dict[str, storage.WorldModel] = {}
+    monkeypatch.setattr(storage, "save_model", lambda name, model, folder: saved.update({name: model}))
+    monkeypatch.setattr(
+        storage, "trained_model", lambda folder: storage.WorldModel(storage.read_config(folder), (), {})
+    )
+    folders = [tmp_path / f"objects-100-{seed}" for seed in (0, 2, 1)]
+    for folder, seed in zip(folders, (0, 2, 1), strict=True):
+        storage.create(folder, compare.row_settings("objects-100", seed))
+        content = _evaluation(seed, 400.0)
+        replace_json(
+            folder / storage.EVALUATION, {**content, "columns": {compare.CHOSEN_ON: content["columns"]["basic"]}}
+        )
+    assert compare.ship(folders, tmp_path) == ["objects-100"]
+    assert saved["objects-100"].config.seed == 2  # it has the largest share of right outcomes
+    assert saved["objects-100"].origin["share"] == pytest.approx(0.7)
+    replace_json(folders[0] / storage.EVALUATION, _evaluation(0, 400.0))
+    with pytest.raises(ValueError, match=r"evaluation\.json: columns: expected unseen_basic"):
+        compare.ship(folders, tmp_path)
+
+
 def test_a_report_needs_evaluations(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="expected evaluated runs, found none"):
         compare.write_report(tmp_path, tmp_path / "world.md")

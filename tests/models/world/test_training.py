@@ -20,23 +20,22 @@ def _state(centre: jax.Array) -> State:
     return State(centre, none, jnp.zeros((MANY, 1, 2)), none)
 
 
-def _slope(sigma: float, error: jax.Array, certain: bool) -> float:
+@jax.jit
+@jax.grad
+def _slope(log_sigma: jax.Array, error: jax.Array, certain: jax.Array) -> jax.Array:
     """The slope of the loss over the logarithm of the places' sigma."""
-
-    def loss(log_sigma: jax.Array) -> jax.Array:
-        other = jnp.ones((MANY, 1))
-        spread = Sigma(jnp.exp(log_sigma) * other, other, other, other)
-        known = jnp.full((MANY, 1), certain)
-        return step_loss(_state(error), spread, _state(jnp.zeros_like(error)), jnp.ones((MANY, 1), bool), known)
-
-    return float(jax.grad(loss)(jnp.log(sigma)))
+    other = jnp.ones((MANY, 1))
+    spread = Sigma(jnp.exp(log_sigma) * other, other, other, other)
+    known = jnp.broadcast_to(certain, (MANY, 1))
+    return step_loss(_state(error), spread, _state(jnp.zeros_like(error)), jnp.ones((MANY, 1), bool), known)
 
 
 def test_sigma_is_the_size_of_68_percent_of_errors_whatever_the_tails() -> None:
     error = jax.random.normal(jax.random.key(0), (MANY, 1, 2)).at[::10].mul(30)  # 10 % are outliers
     within = float(jnp.quantile(jnp.abs(error), 0.6827))
-    assert _slope(0.95 * within, error, True) < 0 < _slope(1.05 * within, error, True)
-    assert _slope(0.5 * within, error, False) == 0  # the world was not where it was said to be
+    low, high = jnp.log(0.95 * within), jnp.log(1.05 * within)
+    assert _slope(low, error, jnp.array(True)) < 0 < _slope(high, error, jnp.array(True))
+    assert _slope(low, error, jnp.array(False)) == 0  # the world was not where it was said to be
 
 
 def test_noise_spares_half_of_the_worlds_and_says_which() -> None:
