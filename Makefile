@@ -179,6 +179,7 @@ results-world: .venv/.stamp ## train the world models, three seeds each, and wri
 	for row in objects-unlimited objects-1000 objects-100 mdrnn-400 mdrnn-5000; do for seed in 0 1 2; do \
 	.venv/bin/iphyre-jax world train $$row --seed $$seed && \
 	.venv/bin/iphyre-jax world evaluate build/world/$$row-$$seed || exit 1; done; done
+	.venv/bin/iphyre-jax world evaluate $(addprefix build/world/objects-unlimited-,0 1 2) --weights iphyre_jax/models/world/weights
 
 results-models: results-sequence results-world results-language ## all of the three above, one after the other
 

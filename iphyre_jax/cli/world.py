@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.attempts.agents import random_plans
+from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.main import INTERRUPTED
@@ -51,7 +52,7 @@ class Evaluate:
     plans: int = 300
     """Plans that are imagined for each game; 0: do not plan."""
     weights: Path | None = None
-    """Folder for the models of these runs as they ship; by default they stay in the run folders alone."""
+    """Folder for the best of these runs, as it ships; by default they stay in the run folders alone."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class PlanInModel:
     """Imagine random plans of a scene in a world model, and play the best."""
 
     scene: Annotated[tyro.conf.Positional[str], option("SCENE", "A game's name or a scene file.")]
-    model: str = str(ROOT / "objects-unlimited-0")
+    model: str = "objects-unlimited"
     """A model of the package, or a run folder."""
     plans: int = 300
     """Imagined plans."""
@@ -119,9 +120,8 @@ def _evaluate(action: Evaluate, console: Console) -> None:
                 console,
                 f"{folder.name}: {TITLES[column]}: px after {seconds} s: {errors}; outcomes right {right:.0f} %",
             )
-        if action.weights is not None:
-            model = storage.trained_model(folder)
-            storage.save_model(model.config.row, model, action.weights)
+    if action.weights is not None:
+        say(console, f"{action.weights}: {', '.join(compare.ship(action.run, action.weights))}")
     compare.write_report(action.root, action.out)
 
 
@@ -133,7 +133,7 @@ def _plan(action: PlanInModel, console: Console) -> None:
     model = storage.load_model(action.model) if shipped else storage.trained_model(Path(action.model))
     times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
     imagined = WorldImagination(model)(scene, times)
-    best = np.argsort(-imagined, kind="stable")[: action.best]
+    best = preferred(imagined[None])[: action.best]
     played = simulate(scene, plan_to_steps(times[best], 60, "simulate"), fps=60, dtype="float64")
     say(console, f"{scene.name}: best of {action.plans} plans imagined in {action.model}; 60 fps, fresh space, float64")
     for at, index in enumerate(best):

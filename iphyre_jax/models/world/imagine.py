@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.attempts.agents import random_plans
+from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import check_whole
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
@@ -124,5 +125,4 @@ class WorldPlanner:
         """Propose the k best plans, the best first."""
         del past
         times = random_plans(rng, len(scene.eliminable_blocks), check_whole("plans", self.plans, k))
-        best = np.argsort(-self.imagine(scene, times), kind="stable")
-        return times[best[:k]]
+        return times[preferred(self.imagine(scene, times)[None])[:k]]

@@ -10,6 +10,7 @@ import numpy as np
 
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.world.metrics import BOUNDS, COLUMNS, HORIZONS
+from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
 from iphyre_jax.train.reports.report import markdown_table
 
 TITLES: Final = {
@@ -19,7 +20,6 @@ TITLES: Final = {
     "compositional": "compositional",
     "multi_ball": "multi-ball",
 }
-PLANNED: Final = ("basic", "noisy", "compositional", "multi_ball")
 ABOUT: Final = """# World models
 
 Written by `iphyre-jax world evaluate`; do not edit. What will the scene look like 0.1 s later, and how does a plan end
@@ -31,7 +31,7 @@ that is only imagined?
   behind `objects` its plays.
 * Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. Plays are judged in float32,
   planned attempts in float64.
-* Mean over seeds ± standard deviation; a row without ± has one seed. Random plans solve about 25 % of all games.
+* Mean over seeds ± standard deviation; a row without ± has one seed.
 """
 
 Evaluations = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -76,36 +76,42 @@ def outcome_table(evaluations: Evaluations) -> str:
 
 
 def calibration_table(evaluations: Evaluations) -> str:
-    """Shares of true places within one and two sigma."""
+    """Shares of true places within one and two sigma, and of those that are uncertain."""
     rows = []
     for name, runs in evaluations.items():
         cells = []
         for column in COLUMNS:
             found = [each["calibration"] for each in _columns(runs, column) if "calibration" in each]
-            cells.append(" / ".join(cell([one[key] for one in found], 100, 0) for key in ("one sigma", "two sigma")))
-        if any(each != "- / -" for each in cells):
+            keys = ("one sigma", "two sigma", "uncertain")
+            shares = [cell([one[key] for one in found if key in one], 100, 0) for key in keys]
+            cells.append(f"{shares[0]} / {shares[1]} of {shares[2]}" if found else "-")
+        if any(each != "-" for each in cells):
             rows.append([name, *cells])
     return markdown_table(["row", *(TITLES[column] for column in COLUMNS)], rows)
 
 
-def planning_table(evaluations: Evaluations) -> str:
-    """Reward and share solved at the first attempt and by the best of five."""
+def planning_table(evaluations: Evaluations, bounds: Mapping[str, Mapping[str, Any]]) -> str:
+    """Reward and share solved at the first attempt and by the best of TRIES."""
+    played = {name: [run["planning"] for run in runs if run.get("planning")] for name, runs in evaluations.items()}
     rows = []
-    for name, runs in evaluations.items():
-        plans = [run["planning"] for run in runs if run.get("planning")]
-        for attempt, title in enumerate(("first", "best of 5")):
-            cells = []
-            for split in PLANNED:
-                found = [plan[split] for plan in plans if split in plan]
-                reward, solved = ([one[key][attempt] for one in found] for key in ("reward", "solved"))
-                cells.append(f"{cell(reward, digits=0)} / {cell(solved, 100, 0)} %" if found else "-")
+    for name, plans in {**played, **{name: [found] for name, found in bounds.items()}}.items():
+        for attempt, title in enumerate(("first", f"best of {TRIES}")):
             whole = [plan for plan in plans if all(split in plan for split in PLANNED)]
-            means = [np.mean([plan[split]["reward"][attempt] for split in PLANNED]) for plan in whole]
-            shares = [np.mean([plan[split]["solved"][attempt] for split in PLANNED]) for plan in whole]
-            cells.append(f"{cell(means, digits=0)} / {cell(shares, 100, 0)} %" if whole else "-")
+            cells = [_played([[plan[split]] for plan in plans if split in plan], attempt) for split in PLANNED]
+            cells.append(_played([[plan[split] for split in PLANNED] for plan in whole], attempt))
             if plans:
                 rows.append([f"{name}, {title}", *cells])
     return markdown_table(["row", *(TITLES[split].split(",")[0] for split in PLANNED), "all forty"], rows)
+
+
+def _played(seeds: Sequence[Sequence[Mapping[str, Any]]], attempt: int) -> str:
+    """Reward and games solved: of each seed the mean over splits of as many games."""
+    if not seeds:
+        return "-"
+    reward, solved = (
+        [float(np.mean([split[key][attempt] for split in splits])) for splits in seeds] for key in ("reward", "solved")
+    )
+    return f"{cell(reward, digits=0)} / {cell(solved, 100, 0)} %"
 
 
 def runs_table(evaluations: Evaluations) -> str:
@@ -118,15 +124,25 @@ def runs_table(evaluations: Evaluations) -> str:
     return markdown_table(["row", "seeds", "gradient steps made / asked for"], rows)
 
 
-def write(out: Path, evaluations: Evaluations, facts: Mapping[str, Any]) -> None:
+def write(
+    out: Path,
+    evaluations: Evaluations,
+    bounds: Mapping[str, Mapping[str, Any]],
+    missing: Sequence[str],
+    facts: Mapping[str, Any],
+) -> None:
     """Write the document.
 
     Args:
         out: of the document.
         evaluations: of each seed, by row, in the order shown.
+        bounds: other planners, as `planning_bounds` gives them.
+        missing: runs that are not there.
         facts: provenance, JSON values.
     """
     parts = [ABOUT, "## Runs", runs_table(evaluations)]
+    if missing:
+        parts.append(f"Missing: {', '.join(missing)}.")
     for column in COLUMNS:
         if any(_columns(runs, column) for runs in evaluations.values()):
             parts += [f"## Error of balls, {TITLES[column]}, px", horizon_table(evaluations, column)]
@@ -134,15 +150,17 @@ def write(out: Path, evaluations: Evaluations, facts: Mapping[str, Any]) -> None
     if any("calibration" in each for runs in evaluations.values() for c in COLUMNS for each in _columns(runs, c)):
         parts += [
             "## Calibration",
-            "True places of balls after 0.1 s within one and two sigma, %; 68 and 95 if sigma were right.",
+            "True places of balls after 0.1 s within one and two sigma, % of the uncertain ones, which are so many % "
+            "of all; 68 % within one if sigma were right. Errors have heavier tails than a Gaussian.",
             calibration_table(evaluations),
         ]
-    if any(run.get("planning") for runs in evaluations.values() for run in runs):
+    planning = [split for runs in evaluations.values() for run in runs for split in run.get("planning", {}).values()]
+    if planning:
         parts += [
             "## Planning in the model",
-            "Random plans are imagined, the best are played: reward / games solved. With the exact simulator 300 "
-            "imagined plans would give the best that any model can.",
-            planning_table(evaluations),
+            f"{planning[0]['plans']} random plans of seed {SEED}, the same for all rows, are imagined; the best are "
+            "played: reward / games solved. The exact simulator bounds what any model can reach with these plans.",
+            planning_table(evaluations, bounds),
         ]
     parts += ["## Made by", "\n".join(f"* {name}: {value}" for name, value in facts.items())]
     replace_text(out, "\n\n".join(part.strip() for part in parts) + "\n")

@@ -132,7 +132,9 @@ def trained_model(folder: Path) -> WorldModel:
     saved = load(folder, start(config))
     if saved is None:
         raise FileNotFoundError(f"{folder}: not trained yet, there is no {STATE}")
-    return WorldModel(config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": provenance()})
+    described = read_json_object(folder / CONFIG)
+    trained = {key: described.get(key) for key in provenance()}  # where it was, not where we are
+    return WorldModel(config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": trained})
 
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:

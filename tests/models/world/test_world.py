@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from iphyre_jax.cli.world import PlanInModel
 from iphyre_jax.models.world import plays, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.interface import falls_until_contact, nothing_moves, predictor, start_memory, start_rows
@@ -107,6 +108,8 @@ def test_objects_learns_and_ships(tmp_path: Path) -> None:
     state = runs.train(tmp_path / "run", OBJECTS, QUIET, PLAYS)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
     model = storage.trained_model(tmp_path / "run")
+    assert model.origin["steps"] == OBJECTS.steps
+    assert model.origin["trained"]["machine"]
     storage.save_model("one", model, tmp_path)
     loaded = storage.load_model("one", tmp_path)
     for one, other in zip(jax.tree.leaves(model.params), jax.tree.leaves(loaded.params), strict=True):
@@ -147,8 +150,13 @@ def test_wrong_settings_are_refused(field: str, value: object) -> None:
         settings_from_json(content, "file")
 
 
+def test_the_command_plans_in_what_ships() -> None:
+    assert PlanInModel("seesaw").model in storage.names()
+
+
 @pytest.mark.parametrize("name", storage.names())
 def test_what_ships_loads(name: str) -> None:
+    assert (storage.WEIGHTS / f"{name}.npz").stat().st_size < 300_000
     model = storage.load_model(name)
     assert model.config.row == name
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(model.params))

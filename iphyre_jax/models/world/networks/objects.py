@@ -24,13 +24,13 @@ from iphyre_jax.rules import DECISIONS_PER_SECOND
 
 STEPS: Final = 6  # physics steps in 0.1 s
 TICK: Final = 1 / (STEPS * DECISIONS_PER_SECOND)  # s
-BOUNDS: Final = ((0.02, 60.0), (0.2, 400.0), (0.0005, 3.0), (0.005, 30.0))  # of sigma: px, px/s, rad, rad/s
+BOUNDS: Final = ((0.002, 60.0), (0.02, 400.0), (0.0001, 3.0), (0.001, 30.0))  # of sigma: px, px/s, rad, rad/s
 
 Params = dict[str, Any]
 
 
 class Sigma(NamedTuple):
-    """Standard deviations of what is predicted, each (B, M) and within BOUNDS."""
+    """How large 68 % of the errors of what is predicted are at most, each (B, M) and within BOUNDS."""
 
     centre: jax.Array  # px, in x and in y
     velocity: jax.Array  # px/s
@@ -63,7 +63,7 @@ def step(
         neighbours: objects that a body may touch.
 
     Returns:
-        The mean of the next state, and its standard deviations.
+        The mean of the next state, and the size of its errors.
     """
     edges = near_edges(scene, state, alive, neighbours)
     ticks = STEPS // config.parts
@@ -99,8 +99,5 @@ def _sigma(params: Params, state: State, activity: jax.Array) -> Sigma:
     )
     logits = apply(params["sigma"], jax.lax.stop_gradient(jnp.concatenate([activity, speed], axis=-1)))
     return Sigma(
-        *(
-            low * jnp.exp(jax.nn.sigmoid(logits[..., k] - 2.0) * jnp.log(high / low))
-            for k, (low, high) in enumerate(BOUNDS)
-        )
+        *(low * jnp.exp(jax.nn.sigmoid(logits[..., k]) * jnp.log(high / low)) for k, (low, high) in enumerate(BOUNDS))
     )

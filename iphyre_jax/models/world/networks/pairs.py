@@ -29,10 +29,19 @@ class Edges(NamedTuple):
 
 
 def own_rows(table: jax.Array, index: jax.Array) -> jax.Array:
-    """Rows of a table (B, 12, ...) by indices (B, ...)."""
+    """Rows of a table (B, 12, ...) by indices (B, ...).
+
+    Numbers are picked by a product with ones and zeros, which is exact: the gradient of taking them by index adds row
+    by row, which costs most of a training step on a processor.
+    """
     flat = index.reshape(index.shape[0], -1)
-    extra = table.ndim - 2
-    taken = jnp.take_along_axis(table, flat.reshape(*flat.shape, *(1,) * extra), axis=1)
+    if jnp.issubdtype(table.dtype, jnp.floating):
+        chosen = jax.nn.one_hot(flat, table.shape[1], dtype=table.dtype)
+        rows = table.reshape(*table.shape[:2], -1)
+        taken = jnp.einsum("bko,boc->bkc", chosen, rows, precision="highest")
+    else:
+        rows = table.reshape(*table.shape[:2], -1)
+        taken = jnp.take_along_axis(rows, flat[..., None], axis=1)
     return taken.reshape(*index.shape, *table.shape[2:])
 
 

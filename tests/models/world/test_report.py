@@ -1,0 +1,99 @@
+"""The report of world models: seeds, bounds and what is missing are shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from iphyre_jax.files import replace_json
+from iphyre_jax.models.world import compare, planning, report, storage
+from iphyre_jax.models.world.metrics import BOUNDS, HORIZONS
+
+
+def _evaluation(seed: int, first: float) -> dict[str, Any]:
+    """A made-up evaluation of "objects-100"; `first`: reward of the first attempt in each split."""
+    config = compare.row_settings("objects-100", seed)
+    errors = {name: [float(seed + 1)] * len(HORIZONS) for name in ("model", *BOUNDS)}
+    measures = {
+        "median error px": errors,
+        "outcomes": {"right": 0.5 + 0.1 * seed, "more frequent outcome of each game": 0.7},
+        "calibration": {"one sigma": 0.7, "two sigma": 0.9, "uncertain": 0.5},
+    }
+    return {
+        "schema": storage.SCHEMA,
+        "version": storage.VERSION,
+        "settings": config.to_json(),
+        "steps": config.steps,
+        "columns": {"basic": measures},
+        "planning": {split: _played(first) for split in planning.PLANNED},
+    }
+
+
+def _played(first: float) -> dict[str, Any]:
+    return {"reward": [first, 900.0], "solved": [0.5, 1.0], "plans": 300}
+
+
+def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path) -> None:
+    for seed, first in ((0, 400.0), (2, 600.0)):
+        (tmp_path / f"objects-100-{seed}").mkdir()
+        replace_json(tmp_path / f"objects-100-{seed}" / storage.EVALUATION, _evaluation(seed, first))
+    bounds = {"planner, exact simulator": {split: _played(950.0) for split in planning.PLANNED}}
+    replace_json(
+        tmp_path / planning.BOUNDS_FILE,
+        {"schema": planning.SCHEMA, "version": planning.VERSION, "rows": bounds},
+    )
+    compare.write_report(tmp_path, tmp_path / "world.md")
+    text = (tmp_path / "world.md").read_text()
+    assert "| objects-100 | 0 2 | 2000/2000 2000/2000 |" in text
+    assert "objects-100-1" in text
+    assert "objects-100-2" not in text
+    assert "| objects-100 | 2.00 ± 1.00 |" in text  # errors of 1 and 3 px
+    assert "| objects-100 | 70 ± 0 / 90 ± 0 of 50 ± 0 |" in text
+    assert "| objects-100, first | 500 ± 100 / 50 ± 0 % |" in text
+    assert "| planner, exact simulator, first | 950 / 50 % |" in text
+
+
+def test_a_bound_is_played_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    games: list[str] = []
+
+    def play(agent: object, names: tuple[str, ...], plans: int) -> dict[str, Any]:
+        del agent
+        games.extend(names)
+        return {**_played(1.0), "plans": plans}
+
+    monkeypatch.setattr(planning, "planned", play)
+    rows = planning.planning_bounds(tmp_path, 7)
+    assert len(games) == 40 * len(rows)
+    assert planning.planning_bounds(tmp_path, 7) == rows == planning.read_bounds(tmp_path)
+    assert len(games) == 40 * len(rows)
+    planning.planning_bounds(tmp_path, 8)
+    assert len(games) == 80 * len(rows)
+
+
+def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved: dict[str, storage.WorldModel] = {}
+    monkeypatch.setattr(storage, "save_model", lambda name, model, folder: saved.update({name: model}))
+    monkeypatch.setattr(
+        storage, "trained_model", lambda folder: storage.WorldModel(storage.read_config(folder), (), {})
+    )
+    folders = [tmp_path / f"objects-100-{seed}" for seed in (0, 2, 1)]
+    for folder, seed in zip(folders, (0, 2, 1), strict=True):
+        storage.create(folder, compare.row_settings("objects-100", seed))
+        content = _evaluation(seed, 400.0)
+        replace_json(
+            folder / storage.EVALUATION, {**content, "columns": {compare.CHOSEN_ON: content["columns"]["basic"]}}
+        )
+    assert compare.ship(folders, tmp_path) == ["objects-100"]
+    assert saved["objects-100"].config.seed == 2  # it has the largest share of right outcomes
+    assert saved["objects-100"].origin["share"] == pytest.approx(0.7)
+    replace_json(folders[0] / storage.EVALUATION, _evaluation(0, 400.0))
+    with pytest.raises(ValueError, match=r"evaluation\.json: columns: expected unseen_basic"):
+        compare.ship(folders, tmp_path)
+
+
+def test_a_report_needs_evaluations(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="expected evaluated runs, found none"):
+        compare.write_report(tmp_path, tmp_path / "world.md")
+    assert report.cell([]) == "-"
