@@ -27,9 +27,9 @@ from tests.models.world.made_up import falling
 
 QUIET = Console(quiet=True)
 MDRNN = WorldConfig(model="mdrnn", data="100", steps=4, chunk=2, batch_size=2, sequence=3)
-OBJECTS = WorldConfig(width=8, latent=2, parts=2, passes=1, neighbours=2, batch_size=2, steps=2, chunk=1, unroll=1)
+OBJECTS = WorldConfig(width=8, latent=2, parts=1, passes=1, neighbours=2, batch_size=2, steps=2, chunk=1, unroll=1)
 PLAYS = falling(3)
-PARAMS = objects.init(OBJECTS, jax.random.key(0))
+PARAMS = jax.jit(objects.init, static_argnums=0)(OBJECTS, jax.random.key(0))
 
 
 def test_rows_are_the_official_ones_and_give_the_state_back() -> None:
@@ -68,7 +68,8 @@ def test_a_removed_block_is_gone_and_a_block_that_stays_is_felt() -> None:
     state = state._replace(centre=scene.centre[:, :1] - jnp.array([[[0.0, 28.0]]]))  # it touches the first block
     rows = rows_of(scene, state, jnp.ones((2, 12), bool))
     removal = jnp.zeros((2, 12), bool).at[1, :2].set(True)
-    after, _ = predictor(OBJECTS, 2)(PARAMS, start_memory(OBJECTS, scene), rows, removal)
+    predict = jax.jit(predictor(OBJECTS, 2))  # one program, not one for each operation
+    after, _ = predict(PARAMS, start_memory(OBJECTS, scene), rows, removal)
     assert float(jnp.abs(after[1, :2]).max()) == 0
     assert float(jnp.abs(after[0, :2] - rows[0, :2]).max()) == 0  # static blocks stay
     assert float(jnp.abs(after[0, 2] - after[1, 2]).max()) > 1e-6
@@ -78,7 +79,8 @@ def test_sigma_is_bounded_and_finite() -> None:
     scene = taken(PLAYS.scenes, jnp.zeros(3, jnp.int32))
     state = state_of(jnp.asarray(PLAYS.state)[:, 0])
     wild = jax.tree.map(lambda leaf: leaf * 10, PARAMS)
-    _, sigma = objects.step(OBJECTS, wild, scene, state, jnp.ones((3, 12), bool), 2)
+    step = jax.jit(objects.step, static_argnums=(0, 5))
+    _, sigma = step(OBJECTS, wild, scene, state, jnp.ones((3, 12), bool), 2)
     for spread, (low, high) in zip(sigma, objects.BOUNDS, strict=True):
         assert np.isfinite(spread).all()
         assert low * 0.999 <= float(spread.min()) <= float(spread.max()) <= high * 1.001
