@@ -62,7 +62,7 @@ def main(arguments: Arguments) -> None:
     means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
     parts = [_intro(policies[0]), _table(list(games), means)]
     if arguments.test:
-        parts.append(_forty(policies, _counted(arguments.out / COUNTER)))
+        parts.append(_forty(policies, counted(arguments.out / COUNTER)))
     parts.append(f"## Origin\n\n```json\n{json.dumps(provenance(), indent=1)}\n```")
     arguments.out.mkdir(parents=True, exist_ok=True)
     replace_text(arguments.out / "on-the-fly.md", "\n\n".join(parts) + "\n")
@@ -114,7 +114,7 @@ def _table(titles: Sequence[str], means: dict[str, list[tuple[float, float, floa
     return markdown_table(header, rows)
 
 
-def _counted(file: Path) -> int:
+def counted(file: Path) -> int:
     """Count a run on the forty games before it begins; returns how many there are with this one."""
     runs = int(read_json_object(file)["runs"]) + 1 if file.is_file() else 1
     file.parent.mkdir(parents=True, exist_ok=True)
