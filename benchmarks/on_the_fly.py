@@ -68,7 +68,7 @@ def main(arguments: Arguments) -> None:
     means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
     parts = [_intro(policies[0]), _table(list(games), means), _seeds(arguments.runs)]
     if arguments.test:
-        parts.append(_forty(policies, _counted(arguments.out / COUNTER)))
+        parts.append(_forty(policies, counted(arguments.out / COUNTER)))
     parts.append(f"## Origin\n\n```json\n{json.dumps(provenance(), indent=1)}\n```")
     arguments.out.mkdir(parents=True, exist_ok=True)
     replace_text(arguments.out / "on-the-fly.md", "\n\n".join(parts) + "\n")
@@ -152,7 +152,7 @@ def _summary(row: compare.Row, kind: str, split: str) -> Summary:
     return cast(Summary, row.summary(kind, split))
 
 
-def _counted(file: Path) -> int:
+def counted(file: Path) -> int:
     """Count a run on the forty games before it begins; returns how many there are with this one."""
     played = int(read_json_object(file)["runs"]) + 1 if file.is_file() else 1
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from iphyre_jax.files import locked
 from iphyre_jax.train import trainer
+from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
@@ -47,10 +48,11 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         console: for the folder's name and the progress bar.
 
     Raises:
-        ValueError: one line, if the folder is not empty.
+        ValueError: one line; the folder is not empty, or the scene pool is not what it should be.
         OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
     config.check()
+    config = with_sum(config)
     runs.make_folder(folder)
     with locked(folder):
         runs.create(folder, config)

@@ -18,22 +18,34 @@ TRIES: Final = 200  # draws of a variation at most; angle has the fewest valid o
 STREAM: Final = 7919  # added to the seed, so that variations draw other numbers than anything else
 
 
+def groups_of(config: TrainConfig) -> tuple[int, int]:
+    """How many groups of episodes each game has in an update, and how many of them it leaves to the pool's scenes."""
+    if not (config.variations or config.scene_pool):
+        return 1, 0
+    groups = max(1, config.episodes_per_scene // GROUP)
+    return groups, max(1, round(config.pool_share * groups)) if config.scene_pool else 0
+
+
 def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Scene], int]:
-    """The scenes of an update, game by game, and the number of episodes of each.
+    """The scenes of an update but those of the pool, game by game, and the number of episodes of each.
 
     Without variations these are the games. With them, a game shares its episodes with variations of it, about GROUP
-    episodes each. Seed and update decide which.
+    episodes each. Seed and update decide which. A pool gets its share of every game's groups.
     """
-    if not config.variations:
-        return config.training_games, config.episodes_per_scene
-    groups = max(1, config.episodes_per_scene // GROUP)
+    groups, left = groups_of(config)
     rng = np.random.default_rng([config.seed, update])
-    scenes: list[str | Scene] = []
-    for game in config.training_games:
-        pool = variations(game, config.variations, config.seed + STREAM, config.added_blocks)
-        drawn = rng.integers(len(pool), size=groups - 1)
-        scenes += [game, *(pool[k] for k in drawn)] if groups > 1 else [pool[int(rng.integers(len(pool)))]]
-    return scenes, config.episodes_per_scene // groups
+    scenes = (_of_game(config, game, groups, groups - left, rng) for game in config.training_games)
+    return tuple(chain.from_iterable(scenes)), config.episodes_per_scene // groups
+
+
+def _of_game(config: TrainConfig, game: str, groups: int, own: int, rng: np.random.Generator) -> Sequence[str | Scene]:
+    """The scenes of a game's own groups: the game and variations of it, or without any the game again and again."""
+    if not config.variations or not own:
+        return [game] * own
+    pool = variations(game, config.variations, config.seed + STREAM, config.added_blocks)
+    if groups == 1:
+        return [pool[int(rng.integers(len(pool)))]]
+    return [game, *(pool[k] for k in rng.integers(len(pool), size=own - 1))]
 
 
 @lru_cache(256)

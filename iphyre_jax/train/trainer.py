@@ -11,7 +11,8 @@ import numpy as np
 
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import PolicyOutput, rollout_collector
-from iphyre_jax.train.scenes import training_scenes
+from iphyre_jax.train.pool import draw_scenes, open_pool, recorded, start_curriculum
+from iphyre_jax.train.scenes import groups_of, training_scenes
 from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("update", "episodes", "decisions", "reward", "success", "greedy_reward", "faults")
@@ -25,6 +26,7 @@ class RunState(NamedTuple):
     key: jax.Array  # random key of the updates to come
     update: np.ndarray[Any, np.dtype[np.int32]]  # () updates made
     decisions: np.ndarray[Any, np.dtype[np.int32]]  # () made so far by episodes that had not ended
+    curriculum: Any = ()  # `Curriculum` of the pool, if there is one
 
 
 Metrics = dict[str, int | float | None]  # a line of metrics.csv
@@ -38,7 +40,8 @@ def start(config: TrainConfig) -> RunState:
     """
     config.check()
     learner_key, key = jax.random.split(jax.random.key(config.seed))
-    return RunState(init(config, learner_key), key, np.zeros((), np.int32), np.zeros((), np.int32))
+    counts = np.zeros((), np.int32), np.zeros((), np.int32)
+    return RunState(init(config, learner_key), key, *counts, start_curriculum(config))
 
 
 def columns(config: TrainConfig) -> tuple[str, ...]:
@@ -51,12 +54,16 @@ class Trainer:
 
     Attributes:
         state: of the run; complete at any moment, even when an interrupt comes.
+
+    Raises:
+        OSError, ValueError: one line; the scene pool is not what the settings say.
     """
 
     def __init__(self, config: TrainConfig, state: RunState) -> None:
         self.state = state
         self._config = config
         self._algorithm = algorithm(config)
+        self._pool = open_pool(config)
         self._games = rollout_collector(config, config.training_games)
         self._begun = time.monotonic()
 
@@ -66,7 +73,13 @@ class Trainer:
         update = int(state.update) + 1
         key, play_key, learn_key = jax.random.split(state.key, 3)
         scenes, episodes = training_scenes(config, update)
-        rollout = rollout_collector(config, scenes) if config.variations else self._games
+        which: np.ndarray[Any, np.dtype[np.integer[Any]]] = np.zeros(0, np.int64)
+        if self._pool is not None:
+            count = len(config.training_games) * groups_of(config)[1]
+            which = draw_scenes(self._pool, state.curriculum, count, config, update)
+            scenes = [*scenes, *(self._pool.scenes[k] for k in which)]
+        same = not (config.variations or config.scene_pool)
+        rollout = self._games if same else rollout_collector(config, scenes)
         trajectory, stats = rollout.collect(partial(self._algorithm.sample_action, state.learner), play_key, episodes)
         decisions = state.decisions + int(trajectory.active.sum())
         measured = update % config.greedy_every == 0 or update in (1, config.updates)
@@ -74,7 +87,10 @@ class Trainer:
         learning = time.monotonic()
         learner, metrics = self._algorithm.learn(state.learner, learn_key, trajectory, len(scenes))
         learner, metrics = jax.block_until_ready((learner, metrics))
-        self.state = RunState(learner, key, state.update + 1, decisions)
+        curriculum = state.curriculum
+        if len(which):
+            curriculum = recorded(curriculum, which, stats.success.reshape(len(scenes), -1)[-len(which) :])
+        self.state = RunState(learner, key, state.update + 1, decisions, curriculum)
         end = time.monotonic()
         return {
             "update": update,

@@ -54,6 +54,22 @@ class TrainConfig:
     added_blocks: int = 0
     """Add up to so many static blocks to the variations, at random places."""
 
+    scene_pool: str = ""
+    """File of generated scenes to train on as well, NAME.npz of `iphyre-jax generate` (in advance only)."""
+
+    pool_sha256: str = ""
+    """SHA-256 sum of that file. A run writes it down when it starts, and resumes with no other file."""
+
+    pool_scenes: int = 1000
+    """Train on the first so many scenes of the file; the others can be held out."""
+
+    pool_share: float = 0.5
+    """Share of the episodes that the pool gets; 1 for all."""
+
+    curriculum: Literal["learnability", "uniform"] = "learnability"
+    """How scenes of the pool are drawn: in proportion to p (1 - p), where the policy solves a share p of episodes, and
+    some that it never played; or all alike."""
+
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
 
@@ -127,6 +143,7 @@ class TrainConfig:
         depth = len(self.hidden_sizes) <= MAX_LAYERS and max(self.hidden_sizes) <= MAX_WIDTH
         _require(self, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
         _require(self, "checkpoint_seconds", 0 <= self.checkpoint_seconds < float("inf"), "a number not below 0")
+        _check_pool(self)
         _check_learner(self)
 
     @property
@@ -213,6 +230,15 @@ def _check_games(config: TrainConfig) -> None:
         raise ValueError(f"fps: expected a multiple of 10, got {config.fps}")
 
 
+def _check_pool(config: TrainConfig) -> None:
+    """Refuse a pool that cannot be; its file is looked at when a run starts."""
+    if config.strategy != "in-advance" or not config.scene_pool:
+        _require(config, "scene_pool", not config.scene_pool, "none unless in advance")
+        _require(config, "pool_sha256", not config.pool_sha256, "none without a scene_pool")
+    _require(config, "pool_scenes", config.pool_scenes >= 1, "at least 1")
+    _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
+
+
 def _check_learner(config: TrainConfig) -> None:
     """Refuse settings of the algorithm that cannot work."""
     learner, known = config.learner, AGENTS[config.agent].settings
@@ -242,6 +268,7 @@ _CHOICES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "strategy": get_args(StrategyName),
         "preset": get_args(PresetName),
         "split": tuple(SPLITS),
+        "curriculum": ("learnability", "uniform"),
         "dtype": get_args(Dtype),
         "observation": ("official", "motion"),
         "head": get_args(HeadName),
@@ -257,6 +284,7 @@ _MOST: Final[Mapping[str, int]] = MappingProxyType(
         "sampled_episodes": 10**6,
         "greedy_every": 2**31 - 1,
         "variations": 10**6,
+        "pool_scenes": 10**6,
         "added_blocks": 64,
     }
 )

@@ -192,6 +192,7 @@ def _load(path: Path, config: TrainConfig) -> RunState:
         key=jax.random.wrap_key_data(restored.key),
         update=np.asarray(restored.update),
         decisions=np.asarray(restored.decisions),
+        curriculum=jax.tree.map(np.asarray, restored.curriculum),
     )
 
 

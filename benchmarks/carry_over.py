@@ -1,0 +1,209 @@
+"""`make carry-over`: what carries over to unseen scenes from variations of the basic games, generated scenes, and both.
+
+    python -m benchmarks.carry_over --seeds 5
+    python -m benchmarks.carry_over --seeds 5 --test    # plays the forty games too, and counts that it did
+
+Each row is trained at 60 steps a second with the same network and number of episodes. Rows are compared on the unseen
+basic games and on generated scenes that were held out. The forty games are played with --test only, each policy once:
+its greedy plan, then tries that differ. Everything goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import jax
+import numpy as np
+import tyro
+from rich.console import Console
+
+from benchmarks.carry_over_document import document
+from benchmarks.on_the_fly import counted
+from iphyre_jax.analyses.oracle import RESETS
+from iphyre_jax.analyses.rows import Row, kept_row, read_rows
+from iphyre_jax.attempts.agents import draw_randomly
+from iphyre_jax.attempts.metrics import best_reward, solved_curve
+from iphyre_jax.attempts.policy_tries import PolicyTries
+from iphyre_jax.attempts.protocol import Agent, attempts
+from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
+from iphyre_jax.execution.configuration import configure
+from iphyre_jax.files import replace_text
+from iphyre_jax.provenance import provenance
+from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.train import loop
+from iphyre_jax.train.algos.base import State, without_value
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.collect import PolicyOutput, rollout_collector
+from iphyre_jax.train.settings.run import TrainConfig, preset
+from iphyre_jax.train.storage import checkpoint, runs
+from iphyre_jax.train.storage.pretrained import load_pretrained
+
+FPS: Final = 60  # of what is trained here
+SCENES: Final = 2000  # of the pool's file, seed 0
+TRAINED_ON: Final = 1600  # the first ones; the others are held out
+TRIES: Final = 10  # at each of the forty games ...
+RUNS: Final = 5  # ... and how often these are made
+SHIPPED: Final = "ppo-i-objects"  # trained at 10 steps a second on variations
+COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Train on variations, on generated scenes and on both, and compare."""
+
+    root: Path = Path("build/carry-over")
+    """Folder of the pool, of the runs and of the rows."""
+    out: Path = Path("docs/results")
+    """Folder of carry-over.md and of the count of runs."""
+    seeds: int = 5
+    """Seeds of each row."""
+    only: tuple[str, ...] = ()
+    """Rows to train, by name; by default all."""
+    train: bool = True
+    """Train what is missing; else only write the document of what is there."""
+    test: bool = False
+    """Play the forty games with what is trained, and count it."""
+
+
+def rows(pool: Path) -> Mapping[str, TrainConfig]:
+    """The rows by name: the default preset's network and learner, 256,000 episodes each."""
+    base = replace(preset(), fps=FPS, resets=RESETS[FPS], updates=200, episodes_per_scene=128)
+    pooled = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
+    return MappingProxyType({"variations": base, "pool": replace(pooled, variations=0, pool_share=1.0), "both": pooled})
+
+
+def pool_file(root: Path) -> Path:
+    """The pool's file; generated if it is missing."""
+    file = root / "pool.npz"
+    if not file.is_file():
+        root.mkdir(parents=True, exist_ok=True)
+        save_generated(generate_scenes(SCENES, journal=root / "pool.parts", report=print), file)
+    return file
+
+
+def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainConfig, State]:
+    """Settings and state of a run, trained or what is left of it.
+
+    Raises:
+        ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
+    """
+    if not (folder / runs.CONFIG).is_file():
+        result = loop.train(config, folder, console)
+    elif replace(runs.read_config(folder), pool_sha256="") != config:
+        raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
+    elif not is_trained(folder, config):
+        result = loop.resume(folder, console)
+    else:
+        return runs.load(folder)[0], runs.load(folder)[1].learner
+    if not result.finished:
+        raise KeyboardInterrupt
+    return runs.read_config(folder), result.state.learner
+
+
+def is_trained(folder: Path, config: TrainConfig) -> bool:
+    """Whether a run has made all its updates."""
+    return f"{config.updates:06d}" in checkpoint.names(folder)
+
+
+def greedy_scores(config: TrainConfig, state: State, scenes: Sequence[str | Scene]) -> dict[str, list[float]]:
+    """Reward and success of each scene's greedy episode, in order."""
+    greedy = algorithm(config).greedy_policy(state)
+
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        del key, num_samples
+        action = greedy(obs)
+        return without_value(action, action)
+
+    stats = rollout_collector(config, scenes).collect(policy, jax.random.key(0), 1)[1]
+    return {"reward": stats.reward.tolist(), "success": stats.success.astype(float).tolist()}
+
+
+def held_out_row(config: TrainConfig, state: State, scenes: Sequence[Scene]) -> Row:
+    """Greedy scores on the unseen basic games and on held-out generated scenes."""
+    return {
+        "unseen_basic": greedy_scores(config, state, SPLITS["unseen_basic"]),
+        "held_out": greedy_scores(config, state, scenes),
+    }
+
+
+def forty_row(agent: Agent, fps: int, dtype: str) -> Row:
+    """Best reward and share solved within 1, ..., TRIES tries at each of the forty games."""
+    played = attempts(agent, TRIES, runs=RUNS, fps=fps, resets=RESETS[fps], dtype=dtype)
+    return {
+        "best_reward": dict(zip(GAMES, best_reward(played.reward).tolist(), strict=True)),
+        "solved": dict(zip(GAMES, solved_curve(played.success).tolist(), strict=True)),
+        "faults": played.faults,
+    }
+
+
+def play_forty(folder: Path, policies: Mapping[str, tuple[TrainConfig, State]], out: Path) -> None:
+    """Play the forty games with whatever has no row yet, and count it if there is anything."""
+    tasks: list[tuple[Path, str, dict[str, Any], Callable[[], Row]]] = []
+    for fps in RESETS:
+        of_rate = {name: one for name, one in policies.items() if one[0].fps == fps}
+        of_rate[SHIPPED] = _shipped(fps)
+        agents: dict[str, Agent] = {name: PolicyTries(*one) for name, one in of_rate.items()}
+        for name, agent in {"random plans": draw_randomly, **agents}.items():
+            settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
+            if name in of_rate:
+                settings["settings"] = json.loads(json.dumps(of_rate[name][0].to_json()))
+            tasks.append((folder / f"forty-{fps}fps", name, settings, partial(forty_row, agent, fps, "float32")))
+    if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
+        return
+    counted(out / COUNTER)
+    for place, name, settings, compute in tasks:
+        kept_row(place, name, settings, compute)
+
+
+def _shipped(fps: int) -> tuple[TrainConfig, State]:
+    policy = load_pretrained(SHIPPED)
+    return replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state
+
+
+def main(arguments: Arguments) -> None:
+    """Train what is missing, play, and write the document."""
+    configure()
+    console, file = Console(), pool_file(arguments.root)
+    table, generated = rows(file), load_generated(file)
+    for name in arguments.only:
+        if name not in table:
+            raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
+    held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
+    policies: dict[str, tuple[TrainConfig, State]] = {}
+    kept_row(arguments.root / "held-out", SHIPPED, {"name": SHIPPED}, partial(held_out_row, *_shipped(FPS), held_out))
+    for seed in range(arguments.seeds):
+        for name, plain in table.items():
+            config, folder = replace(plain, seed=seed), arguments.root / name / f"seed-{seed}"
+            wanted = arguments.train and (not arguments.only or name in arguments.only)
+            if not wanted and not is_trained(folder, config):
+                continue
+            policies[f"{name}-{seed}"] = one = trained(folder, config, console)
+            settings = {"settings": json.loads(json.dumps(one[0].to_json()))}
+            compute = partial(held_out_row, *one, held_out)
+            kept_row(arguments.root / "held-out", f"{name}-{seed}", settings, compute)
+            _write(arguments, generated.manifest)
+    if arguments.test:
+        play_forty(arguments.root, policies, arguments.out)
+    _write(arguments, generated.manifest)
+
+
+def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
+    """Write the document of the rows that are there."""
+    forty = {fps: read_rows(arguments.root / f"forty-{fps}fps") for fps in RESETS}
+    names = [f"{name}-{seed}" for seed in range(arguments.seeds) for name in rows(Path())]
+    held_out = read_rows(arguments.root / "held-out")
+    missing = [name for name in names if name not in held_out]
+    facts = {"pool": {key: manifest[key] for key in ("seed", "scenes", "protocol", "nearest_px")}, **provenance()}
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    text = document(held_out, forty, missing, arguments.out / COUNTER, facts)
+    replace_text(arguments.out / "carry-over.md", text)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,144 @@
+"""The document of `benchmarks.carry_over`, from its rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from iphyre_jax.analyses.figures import COLUMNS
+from iphyre_jax.analyses.oracle import RESETS, shipped
+from iphyre_jax.analyses.people import FPS as RATE_OF_PEOPLE
+from iphyre_jax.analyses.people import scores as scores_of_people
+from iphyre_jax.analyses.rows import Row
+from iphyre_jax.files import read_json_object
+from iphyre_jax.intervals import mean_interval
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.reports.report import TITLES, markdown_table
+from iphyre_jax.train.reports.statistics import summary
+
+SHOWN: Final = (1, 2, 5, 10)  # tries
+INTRO: Final = (
+    "Written by `make carry-over`. Policies in advance: the object network and the learner of the default preset, 60 "
+    "steps a second, reset 1, float32, 256,000 episodes. They learn from the ten basic games and 1,000 variations of "
+    "each (`variations`), from the first 1,600 of 2,000 generated scenes (`pool`), or half from each (`both`). "
+    "Generated scenes are drawn by learnability. Cells: mean over seeds [95 % bootstrap interval over seeds]; with one "
+    "seed the interval is over games or scenes."
+)
+CHOSEN: Final = (
+    "Chosen on what: network and learner are those of the default preset (basic and unseen basic games). Episodes, the "
+    "pool's size and share and the numbers of the curriculum were set beforehand and not tuned. The temperature of the "
+    "tries, 3, and how far they must differ come from a trial on held-out generated scenes; the forty games were in "
+    "view in that trial, as `Attempts` of the issue's trials tells. No setting was changed after these rows were seen."
+)
+
+Cells = Callable[[Row], Sequence[float]]
+
+
+def document(
+    held_out: Mapping[str, Row],
+    forty: Mapping[int, Mapping[str, Row]],
+    missing: Sequence[str],
+    counter: Path,
+    facts: Mapping[str, Any],
+) -> str:
+    """Return the document.
+
+    Args:
+        held_out: rows of runs, NAME-SEED, and of the shipped policy.
+        forty: of each rate, rows of the same names, and "random plans".
+        missing: runs that are not there.
+        counter: file with the number of runs on the forty games, if there were any.
+        facts: provenance.
+    """
+    parts = [
+        "# What carries over",
+        INTRO,
+        f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
+        "## Unseen basic games and held-out generated scenes, greedy, 60 steps a second",
+        _held_out_table(held_out),
+    ]
+    if any(forty.values()):
+        count = read_json_object(counter)["runs"]
+        parts += [
+            "## All forty games",
+            f"This command has played them {count} time{'s' if count != 1 else ''}, each policy once. First try: the "
+            "greedy plan. Then samples at temperature 3 that differ from all earlier tries, in a block or in a time by "
+            "over 0.2 s and over 10 %; five runs of ten tries. People: the paper's, best of five. Best known: the "
+            "search of `Oracle`. Nothing here was trained on, or chosen by, the noisy, compositional and multi-ball "
+            "games.",
+            CHOSEN,
+        ]
+    for fps, found in forty.items():
+        if found:
+            parts += [f"### {fps} steps a second, reset {RESETS[fps]}", _first_table(found), _best_table(found, fps)]
+    parts += ["## Origin", f"```json\n{json.dumps(facts, indent=1)}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def _groups(found: Mapping[str, Row]) -> dict[str, list[Row]]:
+    """Rows NAME-SEED by name, in order of the seeds."""
+    groups: dict[str, list[Row]] = {}
+    for name in sorted(found):
+        stem, _, seed = name.rpartition("-")
+        groups.setdefault(stem if seed.isdecimal() else name, []).append(found[name])
+    return groups
+
+
+def _cell(group: Sequence[Row], values: Cells, digits: int = 0, scale: float = 1.0) -> str:
+    """Mean with its interval: over seeds if there are several, else over scenes."""
+    scores = [scale * np.asarray(values(row)) for row in group]
+    if len(scores) > 1:
+        mean, low, high, *_ = summary([one.tolist() for one in scores])
+    else:
+        mean, low, high = mean_interval(scores[0])
+    return f"{mean:.1f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _held_out_table(found: Mapping[str, Row]) -> str:
+    header = ["row", "seeds", "unseen basic", "solved %", "held-out scenes", "solved %"]
+    cells = [
+        [name, str(len(group)), *(_of(group, kind, key) for kind in KINDS for key in ("reward", "success"))]
+        for name, group in _groups(found).items()
+    ]
+    return markdown_table(header, cells)
+
+
+KINDS: Final = ("unseen_basic", "held_out")
+
+
+def _of(group: Sequence[Row], kind: str, key: str) -> str:
+    return _cell(group, lambda row: row[kind][key], scale=100.0 if key == "success" else 1.0)
+
+
+def _first_table(found: Mapping[str, Row]) -> str:
+    """The first try, by split."""
+    cells = [
+        [name, str(len(group)), *(_within(group, games, 1) for games in COLUMNS.values()), _solved(group, 1)]
+        for name, group in _groups(found).items()
+    ]
+    header = ["first try", "seeds", *(TITLES[split] for split in COLUMNS), "solved %"]
+    return markdown_table(header, cells)
+
+
+def _best_table(found: Mapping[str, Row], fps: int) -> str:
+    """The best of k tries, over all games, with people and the best plans known."""
+    cells = [
+        [name, *(_within(group, GAMES, k) for k in SHOWN), _solved(group, 5)] for name, group in _groups(found).items()
+    ]
+    if fps == RATE_OF_PEOPLE:
+        cells.append(["people", "-", "-", f"{np.mean(list(scores_of_people().values())):.1f}", "-", "-"])
+    best = np.mean([row["reward"] for row in shipped(fps).values()])
+    cells.append(["best known", *[f"{best:.1f}"] * len(SHOWN), "-"])
+    return markdown_table(["best of", *map(str, SHOWN), "solved within 5 %"], cells)
+
+
+def _within(group: Sequence[Row], games: Sequence[str], k: int) -> str:
+    return _cell(group, lambda row: [row["best_reward"][game][k - 1] for game in games])
+
+
+def _solved(group: Sequence[Row], k: int) -> str:
+    return _cell(group, lambda row: [row["solved"][game][k - 1] for game in GAMES], scale=100.0)

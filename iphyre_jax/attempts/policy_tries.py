@@ -1,0 +1,94 @@
+"""Different tries of a trained policy: its greedy plan, then samples at a temperature that differ from all before.
+
+Needs the extra `train`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.attempts.protocol import Attempt
+from iphyre_jax.checks import MAX_SEED, check_positive, show
+from iphyre_jax.envs.in_advance import action_to_times
+from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.scenes import Scene
+from iphyre_jax.train.algos.actor_critic import ActorCritic
+from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.observations import start_observations
+from iphyre_jax.train.settings.run import TrainConfig
+
+TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
+SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
+APART: Final = 0.2  # s, by which plans of the same blocks must differ ...
+APART_SHARE: Final = 0.1  # ... and as a share of the later time
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyTries:
+    """An agent for `attempts`, blind or with feedback: it never repeats what was tried, nor nearly.
+
+    Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step.
+
+    Attributes:
+        config: of the training of a policy in advance with the head "time_grid".
+        state: of its algorithm.
+        temperature: divides the logarithms of the probabilities; 1 samples as in training, more is more diverse.
+    """
+
+    config: TrainConfig
+    state: State
+    temperature: float = TEMPERATURE
+
+    def __post_init__(self) -> None:
+        check_positive("temperature", self.temperature)
+        if self.config.strategy != "in-advance" or self.config.head != "time_grid":
+            got = f"{self.config.strategy}, {self.config.head}"
+            raise ValueError(f"config: expected a policy in advance with the head time_grid, got {show(got)}")
+
+    def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
+        """Propose k plans, (k, S) s; the first of all is the greedy one."""
+        agent = algorithm(self.config)
+        assert isinstance(agent, ActorCritic)  # noqa: S101 - only its agents have the head
+        obs = start_observations(self.config.strategy, self.config.observation, [scene])
+        distribution = _distribution(agent, self.state, obs)
+        warm = jnp.repeat(jax.nn.log_softmax(distribution / self.temperature), SAMPLES, axis=0)
+        tried = [attempt.times for attempt in past]
+        for _ in range(k):
+            if tried:
+                drawn = agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
+                plans = self._seconds(agent.head.action(drawn), scene)
+                new = np.all([differs(plans, plan) for plan in tried], axis=0)
+                tried.append(plans[int(new.argmax())])  # if none differs, the first
+            else:
+                tried.append(self._seconds(agent.head.action(agent.head.mode(distribution)), scene)[0])
+        return np.array(tried[len(past) :])
+
+    def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:
+        """Actions (B, 6) as plans of the scene's blocks, (B, S) s, NaN for never.
+
+        A time half a step early: the rule "simulate" then takes the step that the policy's environment takes.
+        """
+        steps = plan_to_steps(action_to_times(np.asarray(actions)), self.config.fps, "in_advance")
+        steps = steps[:, : len(scene.eliminable_blocks)]
+        return np.where(steps < 0, np.nan, (steps - 0.5) / self.config.fps)
+
+
+def differs(plans: Floats, plan: Floats) -> npt.NDArray[np.bool_]:
+    """Return which plans (N, S) differ from one (S,): in a block, or in a time by over 0.2 s and over 10 %."""
+    other_blocks = np.isnan(plans) != np.isnan(plan)
+    apart = np.abs(plans - plan)  # NaN where a block stays: never apart
+    other_times = (apart > APART) & (apart > APART_SHARE * np.fmax(plans, plan))
+    return np.asarray((other_blocks | other_times).any(axis=1))
+
+
+_distribution = jax.jit(lambda agent, state, obs: agent.distribution(state.params, obs), static_argnums=0)
