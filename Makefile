@@ -181,6 +181,8 @@ results-world: .venv/.stamp ## train the world models, three seeds each, and wri
 	.venv/bin/iphyre-jax world evaluate build/world/$$row-$$seed || exit 1; done; done
 	.venv/bin/iphyre-jax world evaluate $(addprefix build/world/objects-unlimited-,0 1 2) --weights iphyre_jax/models/world/weights
 
+results-models: results-sequence results-world results-language ## all of the three above, one after the other
+
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network
 	NO_MKDOCS_2_WARNING=1 $(DOCS_PY) -m mkdocs build --strict

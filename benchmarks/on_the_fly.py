@@ -14,12 +14,13 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import numpy as np
 import tyro
 
+from benchmarks.agents import SEEDS
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
@@ -28,8 +29,11 @@ from iphyre_jax.train.algos.base import without_value
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import PolicyFn, PolicyOutput, rollout_collector
 from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
+from iphyre_jax.train.reports.statistics import Summary
 from iphyre_jax.train.scenes import variations
+from iphyre_jax.train.storage import runs
 from iphyre_jax.train.storage.pretrained import PLAYED, WEIGHTS, Pretrained, load_pretrained, save_pretrained
 
 POLICIES: Final = ("ppo-o", "a2c-o", "sac-o", "dqn-o")
@@ -45,6 +49,8 @@ class Arguments:
 
     out: Path = Path("docs/results")
     """Folder of on-the-fly.md and of the count of runs."""
+    runs: Path = Path("build/results")
+    """Folder of the runs of `make results`. A policy whose seeds are all there gets a row of their means."""
     test: bool = False
     """Play the forty games too, count it, and write the scores of the shipped weights anew."""
 
@@ -60,7 +66,7 @@ def main(arguments: Arguments) -> None:
         f"{len(varied)} variations": varied,
     }
     means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
-    parts = [_intro(policies[0]), _table(list(games), means)]
+    parts = [_intro(policies[0]), _table(list(games), means), _seeds(arguments.runs)]
     if arguments.test:
         parts.append(_forty(policies, _counted(arguments.out / COUNTER)))
     parts.append(f"## Origin\n\n```json\n{json.dumps(provenance(), indent=1)}\n```")
@@ -114,15 +120,47 @@ def _table(titles: Sequence[str], means: dict[str, list[tuple[float, float, floa
     return markdown_table(header, rows)
 
 
+def _seeds(root: Path) -> str:
+    """Greedy (median) and sampled rewards of all seeds, as `make results` trained and evaluated them."""
+    rows = []
+    for name in POLICIES:
+        folders = [root / name / f"seed-{seed}" for seed in range(SEEDS)]
+        if not all((folder / runs.EVALUATION).is_file() for folder in folders):
+            continue
+        row = compare.Row(runs.read_config(folders[0]), tuple(compare.read(folder) for folder in folders))
+        greedy, sampled = (_summary(row, kind, "basic") for kind in ("greedy", "sampled"))
+        both = [f"{of.mean:.1f} [{of.low:.0f}, {of.high:.0f}]" for of in (greedy, sampled)]
+        unseen = [f"{_summary(row, kind, 'unseen_basic').mean:.1f}" for kind in ("greedy", "sampled")]
+        rows.append([name, *both, f"{greedy.mean - sampled.mean:+.1f}", *unseen])
+    header = [
+        "policy",
+        "Basic: greedy",
+        "Basic: sampled",
+        "difference",
+        "Unseen basic: greedy",
+        "Unseen basic: sampled",
+    ]
+    text = (
+        f"Means of {SEEDS} seeds with 95 % bootstrap intervals over seeds; greedy is the median. Policies whose seeds "
+        "are not all trained are left out: `make results` trains them."
+    )
+    return f"## All seeds\n\n{text}\n\n{markdown_table(header, rows)}"
+
+
+def _summary(row: compare.Row, kind: str, split: str) -> Summary:
+    """Of all seeds; `make results` plays every split."""
+    return cast(Summary, row.summary(kind, split))
+
+
 def _counted(file: Path) -> int:
     """Count a run on the forty games before it begins; returns how many there are with this one."""
-    runs = int(read_json_object(file)["runs"]) + 1 if file.is_file() else 1
+    played = int(read_json_object(file)["runs"]) + 1 if file.is_file() else 1
     file.parent.mkdir(parents=True, exist_ok=True)
-    replace_json(file, {"runs": runs})
-    return runs
+    replace_json(file, {"runs": played})
+    return played
 
 
-def _forty(policies: Sequence[Pretrained], runs: int) -> str:
+def _forty(policies: Sequence[Pretrained], played: int) -> str:
     """Greedy (median) and sampled rewards by split; writes the scores of the shipped weights anew."""
     rows = []
     for policy in policies:
@@ -134,7 +172,7 @@ def _forty(policies: Sequence[Pretrained], runs: int) -> str:
             found = [evaluation.mean(kind, split) for split in COLUMNS]
             rows.append([f"{policy.name}, {kind}", *(f"{s.reward:.1f} {100 * s.success:.0f}%" for s in found)])
     header = ["policy", *(TITLES[split] for split in COLUMNS)]
-    return f"## All forty games\n\nRun {runs} of this command on them.\n\n{markdown_table(header, rows)}"
+    return f"## All forty games\n\nRun {played} of this command on them.\n\n{markdown_table(header, rows)}"
 
 
 if __name__ == "__main__":

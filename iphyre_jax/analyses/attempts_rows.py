@@ -1,4 +1,4 @@
-"""Rows of the table of attempts: doing nothing, random plans, planners, shipped policies, people."""
+"""Rows of the table of attempts: doing nothing, random plans, planners, shipped classifiers and policies, people."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ from iphyre_jax.attempts.planner import Planner
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
 from iphyre_jax.intervals import mean_interval
+from iphyre_jax.models.outcome import storage as classifiers
+from iphyre_jax.models.outcome.agent import CANDIDATES, ranking_agent
+from iphyre_jax.models.outcome.agent import FPS as CLASSIFIED
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.storage.pretrained import load_pretrained, names
@@ -52,10 +55,20 @@ def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
         "improve best, trajectories": row(improve_best, 10, 5, "trajectory"),
         **planners,
     }
+    for name in classifiers.names() if fps == CLASSIFIED else ():
+        tried = {**plain, "k": 10, "runs": 5, "classifier": name, "plans": CANDIDATES, "seed": 0}
+        found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
     for name in names():
         first = {**common, "k": 10, "runs": 5, "policy": name, "seed": 0, "greedy_first": True}
+        if name.endswith("-o"):
+            first["greedy"] = "median"  # of the time until the next removal; rows by the mode have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
+
+
+def _classifier(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
+    """Attempts of a shipped classifier that judges random plans."""
+    return attempts(ranking_agent(classifiers.load_classifier(name)), k, runs=runs, **plain)
 
 
 def _policy(name: str, k: int, runs: int, common: Mapping[str, Any], greedy_first: bool) -> Attempts:
@@ -101,9 +114,9 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "# Attempts",
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
-        f"are made too. Shipped policies (one seed each) try their greedy plan first, then sample. Physics: {DTYPE}; "
-        "policies: as trained. A row of k attempts has no figure beyond k; one that always repeats itself keeps its "
-        "first.",
+        "are made too. Classifiers judge random plans and play the best. Shipped policies (one seed each) try their "
+        f"greedy plan first, then sample. Physics: {DTYPE}; policies: as trained. A row of k attempts has no figure "
+        "beyond k; one that always repeats itself keeps its first.",
     ]
     for fps, rows in tables.items():
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")

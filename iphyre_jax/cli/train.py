@@ -24,6 +24,7 @@ from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
+from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
@@ -139,9 +140,12 @@ def _run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Train):
         command.config.check()
         folder = command.out or runs.default_path(command.config)
-        return _finish(loop.train(command.config, folder, console), console, command.evaluate)
+        with compiled_ahead(command.config, _others(command.config) if command.evaluate else ()):
+            return _finish(loop.train(command.config, folder, console), console, command.evaluate)
     if isinstance(command, Resume):
-        return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
+        config = runs.read_config(command.run)
+        with compiled_ahead(config, _others(config) if command.evaluate else ()):
+            return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
         config, state = runs.load(command.run, command.checkpoint)
         check_writable(command.run, str(command.run))
@@ -154,6 +158,11 @@ def _run(command: TrainingCommand, console: Console) -> int:
         return 0
     compare.report(command.runs, console, curves=command.curves, bars=command.bars)
     return 0
+
+
+def _others(config: TrainConfig) -> tuple[str, ...]:
+    """The games that are evaluated but not trained on, the last first: those with most objects compile longest."""
+    return tuple(game for game in reversed(GAMES) if game not in config.training_games)
 
 
 def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.execution.batching import Group, Indices, group_by_topology, plan_slots_for
-from iphyre_jax.execution.compilation.executables import prepare
+from iphyre_jax.execution.compilation.executables import load_cached, prepare
 from iphyre_jax.execution.devices import Partition, gather, on_cpu, runner
 from iphyre_jax.execution.prefixes import score_prefixes
 from iphyre_jax.execution.programs import Advance, Score, episode_layout, pack_timing
@@ -80,12 +80,11 @@ class PlanBatch:
 
     def run(self, rows: Indices, attempt: int) -> None:
         """Play some rows. With several processes, each plays its own groups, and all gather the results."""
-        partition, dtype = self.partition, self.settings.dtype
+        partition = self.partition
         if self.settings.share_prefixes:
             self._run_prefixes(rows, attempt)
             return
-        lanes = partial(partition.lanes, dtype=dtype)
-        groups = group_by_topology(self.worlds, self.scene_index, rows, dtype, lanes, self._sort_alike)
+        groups = self._groups(rows)
         if on_cpu():
             prepare([self._program(group.topology, attempt) for group in groups])
         own = [groups[index :: partition.process_count] for index in range(partition.process_count)]
@@ -95,6 +94,16 @@ class PlanBatch:
             for array in (self.success, self.steps, self.eliminations, self.fault, self.samples):
                 if array is not None:
                     gather(partition, of_processes, array)
+
+    def is_cached(self) -> bool:
+        """Return whether nothing needs to be compiled for the first attempt at all rows; loads what is cached."""
+        groups = self._groups(np.arange(len(self.plan)))
+        return all(load_cached(self._program(group.topology, attempt=0)) for group in groups)
+
+    def _groups(self, rows: Indices) -> list[Group]:
+        dtype = self.settings.dtype
+        lanes = partial(self.partition.lanes, dtype=dtype)
+        return group_by_topology(self.worlds, self.scene_index, rows, dtype, lanes, self._sort_alike)
 
     def _run_prefixes(self, rows: Indices, attempt: int) -> None:
         settings = self.settings

@@ -13,6 +13,7 @@ import jax
 import pytest
 
 from iphyre_jax.cli import app
+from tools.readme_figures import with_figures
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
@@ -62,6 +63,11 @@ def test_the_examples_of_a_page_run_and_print_what_it_shows(
             exec(code, namespace)  # noqa: S102 - our own documents
         if example.shown is not None:
             assert printed.getvalue() == example.shown, f"{name(page)}:{example.line}"
+
+
+def test_the_figures_of_the_readme_are_those_of_the_results() -> None:
+    readme = README.read_text("utf-8")
+    assert with_figures(readme, ROOT / "docs" / "results") == readme, "run tools/readme_figures.py"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=name)

@@ -66,7 +66,7 @@ def _overlap_more(scenes: Canvas, ends: Floats) -> Bools:
 
 
 def _move_one(scenes: Canvas, rows: Ints, place: int, amplitude: Floats, rng: np.random.Generator) -> Ints:
-    """Displace the object at one place of some scenes; return the scenes in which that made an overlap worse."""
+    """Displace the object at one place of some scenes; return those in which it then overlaps or has no length."""
     if not len(rows):
         return rows
     reach = amplitude[rows, None, None]
@@ -82,5 +82,7 @@ def _move_one(scenes: Canvas, rows: Ints, place: int, amplitude: Floats, rng: np
     room = radii[:, :, None] + FRAME
     inside = ((moved >= room) & (moved <= SCREEN - room)).all(axis=(1, 2))
     fine = inside & (after >= np.minimum(before, 0.0) - TOLERANCE).all(axis=1)
+    if place < BARS:
+        fine &= (moved[:, 0] != moved[:, 1]).any(axis=1)  # a short bar can be turned into a point
     scenes.ends[rows[fine], place] = moved[fine]
     return rows[~fine]

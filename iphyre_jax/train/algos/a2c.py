@@ -25,12 +25,11 @@ class A2CAlgorithm(ActorCritic[A2C]):
 
     def loss(self, params: Params, obs: jax.Array, batch: Batch, ent_coef: jax.Array) -> tuple[jax.Array, Metrics]:
         """The loss of a minibatch of decisions about observations (R, D), and metrics."""
-        outputs, value, mask = self.evaluate_actions(params, obs, batch.row)
-        log_prob = self.head.log_prob(outputs, batch.raw_action, mask)
+        log_prob, entropy, value = self.evaluate_actions(params, obs, batch)
         policy_loss = -masked_mean(log_prob * batch.advantage, batch.weight)
         squares = jnp.square(value - batch.target)
         value_loss = masked_mean(squares, batch.weight) if self.settings.critic else jnp.zeros(())
-        entropy = masked_mean(self.head.entropy(outputs, mask), batch.weight)
+        entropy = masked_mean(entropy, batch.weight)
         total = policy_loss + self.settings.vf_coef * value_loss - ent_coef * entropy
         return total, {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": entropy}
 

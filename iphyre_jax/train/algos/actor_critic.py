@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import flax.linen as nn
 import jax
@@ -17,7 +17,6 @@ import optax
 
 from iphyre_jax.train.algos.advantage import advantages
 from iphyre_jax.train.algos.base import Algorithm, Metrics, descend, forward, global_norm, jitted
-from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.hazard import Hazard, median_action
@@ -89,31 +88,29 @@ class ActorCritic(Algorithm[S]):
             return jnp.zeros(obs.shape[0], jnp.float32)
         return forward(self.value_network, params["value"], obs)
 
-    def outputs(self, params: Params, obs: jax.Array) -> jax.Array:
-        """Outputs for the action head."""
-        return forward(self.policy_network, params["policy"], obs)
+    def distribution(self, params: Params, obs: jax.Array) -> jax.Array:
+        """The action head's distribution for each observation."""
+        return self.head.distribution(forward(self.policy_network, params["policy"], obs), slot_mask(obs))
 
     @jitted(0, 4)
     def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
         """See `Algorithm`; the networks see each observation once."""
         repeat = partial(jnp.repeat, repeats=num_samples, axis=0)
         head, mask = self.head, repeat(slot_mask(obs))
-        outputs = repeat(self.outputs(state.params, obs))
-        raw_action = head.sample(key, outputs, mask)
+        distribution = repeat(self.distribution(state.params, obs))
+        raw_action = head.sample(key, distribution)
         value = repeat(self.value(state.params, obs))
-        return PolicyOutput(head.action(raw_action), raw_action, head.log_prob(outputs, raw_action, mask), value)
+        return PolicyOutput(head.action(raw_action), raw_action, head.log_prob(distribution, raw_action, mask), value)
 
     @jitted(0)
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
         """The most probable action for each observation (B, D)."""
-        return self.head.action(self.head.mode(self.outputs(state.params, obs), slot_mask(obs)))
+        return self.head.action(self.head.mode(self.distribution(state.params, obs)))
 
     @jitted(0)
     def median(self, state: State, obs: jax.Array, hazard: Hazard) -> tuple[jax.Array, Hazard]:
         """See `Algorithm`."""
-        head = cast(CategoricalHead, self.head)  # the settings allow no other on the fly
-        outputs = self.outputs(state.params, obs)
-        return median_action(hazard, head.log_probabilities(outputs, slot_mask(obs)))
+        return median_action(hazard, self.distribution(state.params, obs))  # the settings allow only categorical heads
 
     def inference_state(self, state: State) -> State:
         """See `Algorithm`."""
@@ -142,20 +139,21 @@ class ActorCritic(Algorithm[S]):
         )
         return obs[::sharing], jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
-    def evaluate_actions(
-        self, params: Params, obs: jax.Array, row: jax.Array
-    ) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Outputs, values (N,) and slot masks (N, 6) for the observations (R, D) at rows (N,).
+    def evaluate_actions(self, params: Params, obs: jax.Array, batch: Batch) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """(N,) each: log-probabilities of decisions about observations (R, D), entropies, values.
 
-        With fewer observations than decisions, the networks see each observation once. A product with ones and zeros
-        then spreads the outputs: the gradient of a gather is a scatter, which is slow on a CPU.
+        With fewer observations than decisions, networks, normalisation and entropy see each observation once. A product
+        with ones and zeros then spreads them: the gradient of a gather is a scatter, which is slow on a CPU.
         """
+        row, spread = batch.row, _same
         if len(obs) >= len(row):
-            obs = obs[row]
-            return self.outputs(params, obs), self.value(params, obs), slot_mask(obs)
-        one_hot = jax.nn.one_hot(row, len(obs))
-        spread = partial(jnp.einsum, "nr,r...->n...", one_hot, precision=jax.lax.Precision.HIGHEST)
-        return spread(self.outputs(params, obs)), spread(self.value(params, obs)), slot_mask(obs)[row]
+            obs, row = obs[row], jnp.arange(len(row))
+        else:
+            one_hot = jax.nn.one_hot(row, len(obs))
+            spread = partial(jnp.einsum, "nr,r...->n...", one_hot, precision=jax.lax.Precision.HIGHEST)
+        mask, distribution = slot_mask(obs), self.distribution(params, obs)
+        log_prob = self.head.log_prob(spread(distribution), batch.raw_action, mask[row])
+        return log_prob, spread(self.head.entropy(distribution, mask)), spread(self.value(params, obs))
 
     def gradient_step(
         self, loss: Callable[[Params, Batch], tuple[jax.Array, Metrics]], carry: Carry, minibatch: Batch
@@ -177,3 +175,7 @@ class ActorCritic(Algorithm[S]):
             order = jax.random.permutation(jax.random.fold_in(key, 1), order)  # inactive ones fall anywhere
         parts = order.reshape(self.settings.minibatches, -1)
         return jax.tree.map(lambda leaf: leaf[parts], batch)
+
+
+def _same(values: jax.Array) -> jax.Array:
+    return values

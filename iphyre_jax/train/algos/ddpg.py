@@ -61,7 +61,7 @@ class DDPGAlgorithm(OffPolicyAlgorithm[DDPG]):
     def action(self, policy: Params, obs: jax.Array) -> jax.Array:
         """(N, 6) the policy's times as shares of 15 s."""
         outputs = forward(self.network(HEAD.shape, POLICY_SCALE), policy, obs)
-        return HEAD.action(HEAD.mode(outputs, slot_mask(obs)))
+        return HEAD.action(HEAD.mode(outputs))
 
     def value(self, value: Params, obs: jax.Array, action: jax.Array) -> jax.Array:
         """(N,) values of times; those of slots without a block do not count."""

@@ -4,7 +4,7 @@ A head samples *raw actions*, which the learner keeps, and turns them into the e
 combined, an action is a time for each slot, in the official box [0, 1]^6: action a removes a block at 15 a seconds. On
 the fly an action is one of seven. Slots that stand for no block (`mask` False) never count.
 
-Shapes: outputs (..., *shape), raw actions (..., 6) or (...), masks (..., 6) bool.
+Shapes: outputs and distributions (..., *shape), raw actions (..., 6) or (...), masks (..., 6) bool.
 """
 
 from __future__ import annotations
@@ -32,16 +32,19 @@ class Head(Protocol):
     def shape(self) -> tuple[int, ...]:
         """Shape of the network's outputs for a decision."""
 
-    def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def distribution(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+        """The distributions of outputs: log probabilities, or mean and log deviation."""
+
+    def sample(self, key: jax.Array, distribution: jax.Array) -> jax.Array:
         """Draw raw actions."""
 
-    def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def mode(self, distribution: jax.Array) -> jax.Array:
         """The most probable raw actions."""
 
-    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, distribution: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """(...) natural logarithm of the probability (density) of raw actions."""
 
-    def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def entropy(self, distribution: jax.Array, mask: jax.Array) -> jax.Array:
         """(...) nats: per slot that stands for a block, or, on the fly, of the action."""
 
     def action(self, raw_action: jax.Array) -> jax.Array:
@@ -90,28 +93,27 @@ class TimeGridHead:
         instants = math.log1p(-self.never) + jax.nn.log_softmax(-seconds / self.scale)
         return jnp.concatenate([jnp.full((1,), math.log(self.never), jnp.float32), instants])
 
-    def _log_probabilities(self, outputs: jax.Array) -> jax.Array:
-        """(..., 6, 150) normalised log probabilities."""
+    def distribution(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+        """See `Head`; (..., 6, 150) normalised log probabilities."""
+        del mask
         prior = jnp.broadcast_to(self._log_prior(), outputs.shape)
         return jax.nn.log_softmax(outputs + prior, axis=-1)
 
-    def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def sample(self, key: jax.Array, distribution: jax.Array) -> jax.Array:
         """See `Head`; int32."""
-        del mask
-        return jax.random.categorical(key, self._log_probabilities(outputs), axis=-1).astype(jnp.int32)
+        return jax.random.categorical(key, distribution, axis=-1).astype(jnp.int32)
 
-    def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def mode(self, distribution: jax.Array) -> jax.Array:
         """See `Head`."""
-        del mask
-        return self._log_probabilities(outputs).argmax(axis=-1).astype(jnp.int32)
+        return distribution.argmax(axis=-1).astype(jnp.int32)
 
-    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, distribution: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _sum(_taken(self._log_probabilities(outputs), raw_action), mask)
+        return _sum(_taken(distribution, raw_action), mask)
 
-    def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def entropy(self, distribution: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _mean(_categorical_entropy(self._log_probabilities(outputs)), mask)
+        return _mean(_categorical_entropy(distribution), mask)
 
     def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`; k / 150, which the environment rounds back to instant k."""
@@ -129,8 +131,9 @@ def distinct_instants(raw_action: jax.Array) -> jax.Array:
     return jnp.stack(instants, axis=-1)
 
 
-def _normal_log_prob(mean: jax.Array, log_std: jax.Array, value: jax.Array) -> jax.Array:
-    """Natural logarithm of normal densities."""
+def _normal_log_prob(distribution: jax.Array, value: jax.Array) -> jax.Array:
+    """Natural logarithm of normal densities; distribution (..., 2): mean and log deviation."""
+    mean, log_std = distribution[..., 0], distribution[..., 1]
     return -0.5 * jnp.square((value - mean) * jnp.exp(-log_std)) - log_std - 0.5 * math.log(2 * math.pi)
 
 
@@ -144,29 +147,27 @@ class GaussianHead:
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, 2)
 
-    @staticmethod
-    def _mean_and_log_std(outputs: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """(..., 6) each; the deviation stays between e^-5 and e^1."""
-        return outputs[..., 0], jnp.clip(outputs[..., 1], -5.0, 1.0)
-
-    def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; float32, not clipped."""
+    def distribution(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+        """See `Head`; (..., 6, 2) mean and log deviation, the latter between -5 and 1."""
         del mask
-        mean, log_std = self._mean_and_log_std(outputs)
+        return jnp.stack([outputs[..., 0], jnp.clip(outputs[..., 1], -5.0, 1.0)], axis=-1)
+
+    def sample(self, key: jax.Array, distribution: jax.Array) -> jax.Array:
+        """See `Head`; float32, not clipped."""
+        mean, log_std = distribution[..., 0], distribution[..., 1]
         return mean + jnp.exp(log_std) * jax.random.normal(key, mean.shape, mean.dtype)
 
-    def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def mode(self, distribution: jax.Array) -> jax.Array:
         """See `Head`."""
-        del mask
-        return self._mean_and_log_std(outputs)[0]
+        return distribution[..., 0]
 
-    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, distribution: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`; of the unclipped raw action."""
-        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), raw_action), mask)
+        return _sum(_normal_log_prob(distribution, raw_action), mask)
 
-    def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def entropy(self, distribution: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _mean(self._mean_and_log_std(outputs)[1] + 0.5 * math.log(2 * math.pi * math.e), mask)
+        return _mean(distribution[..., 1] + 0.5 * math.log(2 * math.pi * math.e), mask)
 
     def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
@@ -177,14 +178,14 @@ class GaussianHead:
 class TanhNormalHead(GaussianHead):
     """Normal squashed into the box: the raw action u becomes (tanh u + 1) / 2, and densities are those of tanh u."""
 
-    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, distribution: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`; log N(u) - log(1 - tanh^2 u), the latter as 2 (log 2 - u - softplus(-2 u))."""
         slope = 2.0 * (math.log(2.0) - raw_action - jax.nn.softplus(-2.0 * raw_action))
-        return _sum(_normal_log_prob(*self._mean_and_log_std(outputs), raw_action) - slope, mask)
+        return _sum(_normal_log_prob(distribution, raw_action) - slope, mask)
 
-    def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def entropy(self, distribution: jax.Array, mask: jax.Array) -> jax.Array:
         """There is no formula: minus the log density at the mode, per slot. SAC estimates the entropy from samples."""
-        return -self.log_prob(outputs, self.mode(outputs, mask), mask) / jnp.maximum(mask.sum(axis=-1), 1)
+        return -self.log_prob(distribution, self.mode(distribution), mask) / jnp.maximum(mask.sum(axis=-1), 1)
 
     def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""
@@ -197,9 +198,8 @@ class DeterministicHead:
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, 1)
 
-    def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def mode(self, outputs: jax.Array) -> jax.Array:
         """The only raw actions."""
-        del mask
         return outputs[..., 0]
 
     def action(self, raw_action: jax.Array) -> jax.Array:
@@ -219,28 +219,30 @@ class CategoricalHead:
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE + 1,)
 
-    def log_probabilities(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """(..., 7) normalised log probabilities, -inf for slots without a block."""
+    def distribution(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+        """See `Head`; (..., 7) normalised log probabilities, -inf for slots without a block."""
         share = jnp.log((1.0 - self.no_op_prob) / jnp.maximum(mask.sum(axis=-1, keepdims=True), 1))
         blocks = jnp.where(mask, jnp.broadcast_to(share, mask.shape), -jnp.inf)
         prior = jnp.concatenate([jnp.full_like(share, math.log(self.no_op_prob)), blocks], axis=-1)
         return jax.nn.log_softmax(outputs + prior, axis=-1)
 
-    def sample(self, key: jax.Array, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def sample(self, key: jax.Array, distribution: jax.Array) -> jax.Array:
         """See `Head`; int32."""
-        return jax.random.categorical(key, self.log_probabilities(outputs, mask), axis=-1).astype(jnp.int32)
+        return jax.random.categorical(key, distribution, axis=-1).astype(jnp.int32)
 
-    def mode(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def mode(self, distribution: jax.Array) -> jax.Array:
         """See `Head`."""
-        return self.log_probabilities(outputs, mask).argmax(axis=-1).astype(jnp.int32)
+        return distribution.argmax(axis=-1).astype(jnp.int32)
 
-    def log_prob(self, outputs: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
+    def log_prob(self, distribution: jax.Array, raw_action: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _taken(self.log_probabilities(outputs, mask), raw_action)
+        del mask  # its slots have probability 0
+        return _taken(distribution, raw_action)
 
-    def entropy(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
+    def entropy(self, distribution: jax.Array, mask: jax.Array) -> jax.Array:
         """See `Head`."""
-        return _categorical_entropy(self.log_probabilities(outputs, mask))
+        del mask
+        return _categorical_entropy(distribution)
 
     def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`."""

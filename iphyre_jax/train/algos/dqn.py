@@ -71,9 +71,8 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         """See `Algorithm`: the best action, but for a share of random ones."""
         obs = jnp.repeat(obs, num_samples, axis=0)
         share_key, random_key = jax.random.split(key)
-        mask = slot_mask(obs)
-        prior = CategoricalHead(self.settings.no_op_prob)
-        random = prior.sample(random_key, jnp.zeros((*mask.shape[:-1], *prior.shape)), mask)
+        prior, mask = CategoricalHead(self.settings.no_op_prob), slot_mask(obs)
+        random = prior.sample(random_key, prior.distribution(jnp.zeros((*mask.shape[:-1], *prior.shape)), mask))
         best = self.best(state.train_state.value, obs)
         explores = jax.random.uniform(share_key, best.shape) < self.epsilon(state.num_updates)
         action = jnp.where(explores, random, best)

@@ -50,15 +50,15 @@ class PPOAlgorithm(ActorCritic[PPO]):
     ) -> tuple[jax.Array, Metrics]:
         """The loss of a minibatch of decisions about observations (R, D), and metrics."""
         settings = self.settings
-        outputs, value, mask = self.evaluate_actions(params, obs, batch.row)
-        log_ratio = (self.head.log_prob(outputs, batch.raw_action, mask) - batch.log_prob) * batch.weight
+        log_prob, entropy, value = self.evaluate_actions(params, obs, batch)
+        log_ratio = (log_prob - batch.log_prob) * batch.weight
         ratio = jnp.exp(log_ratio)
         policy_loss = -masked_mean(clipped_objective(ratio, batch.advantage, settings.clip_eps), batch.weight)
         squares = jnp.square(value - batch.target)
         if settings.value_clip:
             squares = jnp.minimum(squares, settings.value_clip)
         value_loss = masked_mean(squares, batch.weight) if settings.critic else jnp.zeros(())
-        entropy = masked_mean(self.head.entropy(outputs, mask), batch.weight)
+        entropy = masked_mean(entropy, batch.weight)
         kl = masked_mean(ratio - 1.0 - log_ratio, batch.weight)  # unbiased and never negative
         total = policy_loss + settings.vf_coef * value_loss - ent_coef * entropy + kl_coef * kl
         clipped = masked_mean((jnp.abs(ratio - 1.0) > settings.clip_eps).astype(jnp.float32), batch.weight)

@@ -10,7 +10,7 @@ Shapes: N transitions, A candidates of each (7 on the fly, else 1), D numbers in
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import flax.linen as nn
 import jax
@@ -93,38 +93,37 @@ class SACAlgorithm(OffPolicyAlgorithm[SAC]):
         value_input = jnp.concatenate([obs, action], axis=-1)
         return jnp.stack([forward(self.value_network, params, value_input)[:, None] for params in both])
 
+    def distribution(self, policy: Params, obs: jax.Array) -> jax.Array:
+        """The action head's distribution for each observation."""
+        return self.head.distribution(forward(self.policy_network, policy, obs), slot_mask(obs))
+
     def candidates(self, policy: Params, key: jax.Array, obs: jax.Array) -> Candidates:
         """The actions that an expectation under the policy goes over."""
-        head, mask = self.head, slot_mask(obs)
-        outputs = forward(self.policy_network, policy, obs)
-        if isinstance(head, CategoricalHead):
-            log_prob = head.log_probabilities(outputs, mask)
+        head, distribution = self.head, self.distribution(policy, obs)
+        if isinstance(head, CategoricalHead):  # the distribution is log-probabilities
             # An action of probability 0 counts in no mean, but -inf times 0 is NaN.
-            return Candidates(jnp.maximum(log_prob, -1e3), jnp.exp(log_prob), log_prob)
-        raw_action = head.sample(key, outputs, mask)
-        log_prob = head.log_prob(outputs, raw_action, mask)[:, None]
+            return Candidates(jnp.maximum(distribution, -1e3), jnp.exp(distribution), distribution)
+        raw_action = head.sample(key, distribution)
+        log_prob = head.log_prob(distribution, raw_action, slot_mask(obs))[:, None]
         return Candidates(log_prob, jnp.ones_like(log_prob), raw_action)
 
     @jitted(0, 4)
     def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
         """See `Algorithm`."""
         obs = jnp.repeat(obs, num_samples, axis=0)
-        outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
-        raw_action = self.head.sample(key, outputs, slot_mask(obs))
+        raw_action = self.head.sample(key, self.distribution(state.train_state.params["policy"], obs))
         return without_value(self.head.action(raw_action), raw_action)
 
     @jitted(0)
     def greedy(self, state: State, obs: jax.Array) -> jax.Array:
         """The most probable action for each observation (B, D)."""
-        outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
-        return self.head.action(self.head.mode(outputs, slot_mask(obs)))
+        return self.head.action(self.head.mode(self.distribution(state.train_state.params["policy"], obs)))
 
     @jitted(0)
     def median(self, state: State, obs: jax.Array, hazard: Hazard) -> tuple[jax.Array, Hazard]:
         """See `Algorithm`."""
-        head = cast(CategoricalHead, self.head)  # the settings allow no other on the fly
-        outputs = forward(self.policy_network, state.train_state.params["policy"], obs)
-        return median_action(hazard, head.log_probabilities(outputs, slot_mask(obs)))
+        # The settings allow only categorical heads on the fly.
+        return median_action(hazard, self.distribution(state.train_state.params["policy"], obs))
 
     def inference_state(self, state: State) -> State:
         """See `Algorithm`."""

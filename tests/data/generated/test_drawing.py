@@ -1,11 +1,12 @@
 """Drawn scenes are valid, of few topologies, and a function of seed and number."""
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from iphyre_jax.data.generated import drawing, elements
+from iphyre_jax.data.generated import displaced, drawing, elements
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, Element, place
 from iphyre_jax.data.generated.displaced import displaced_games
 from iphyre_jax.data.generated.drawing import draw_chunk
@@ -51,6 +52,15 @@ def test_scenes_are_valid_and_of_few_topologies(chunk: tuple[Canvas, np.ndarray,
         assert outside(layout).max() <= TOLERANCE
         if basic[row] < 0:  # basic games have bars that overlap from the start
             assert gaps(layout).min() >= -TOLERANCE
+
+
+def test_no_bar_is_turned_into_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(displaced, "TURN", 0.005)  # as long as the bar, so that it happens often
+    blocks = np.array(load_scene("seesaw").blocks)
+    blocks[0, 1] = blocks[0, 0] + [0.1, 0.0]
+    short = dataclasses.replace(load_scene("seesaw"), blocks=blocks)
+    drawn = displaced_games([short], np.zeros(2000, int), np.random.default_rng(0))
+    assert np.linalg.norm(drawn.ends[:, 0, 0] - drawn.ends[:, 0, 1], axis=-1).min() > 0
 
 
 def test_balls_touch_nothing_at_the_start(chunk: tuple[Canvas, np.ndarray, np.ndarray]) -> None:

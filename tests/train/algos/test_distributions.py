@@ -38,7 +38,7 @@ def test_slot_head_starts_at_its_prior() -> None:
     head = TimeGridHead(never=0.25, scale=4.0)
     raw_actions = jnp.tile(jnp.arange(INSTANTS)[:, None], (1, 6))
     only = jnp.zeros((INSTANTS, 6), bool).at[:, 0].set(True)
-    probability = np.exp(head.log_prob(jnp.zeros((INSTANTS, *head.shape)), raw_actions, only))
+    probability = np.exp(head.log_prob(head.distribution(jnp.zeros((INSTANTS, *head.shape)), only), raw_actions, only))
     weight = np.exp(-np.arange(1, INSTANTS) / 10 / 4.0)
     np.testing.assert_allclose(probability[0], 0.25, rtol=1e-5)
     np.testing.assert_allclose(probability[1:], 0.75 * weight / weight.sum(), rtol=1e-4)
@@ -49,15 +49,16 @@ def test_slot_entropy_by_hand() -> None:
     head = TimeGridHead()
     outputs = jnp.full(head.shape, -60.0) - head._log_prior()[None]
     outputs = outputs.at[:, 3].add(60.0).at[:, 7].add(60.0)
-    np.testing.assert_allclose(head.entropy(outputs, ALL), math.log(2), rtol=1e-5)
-    np.testing.assert_allclose(head.log_prob(outputs, jnp.full(6, 7), ALL), -6 * math.log(2), rtol=1e-5)
+    distribution = head.distribution(outputs, ALL)
+    np.testing.assert_allclose(head.entropy(distribution, ALL), math.log(2), rtol=1e-5)
+    np.testing.assert_allclose(head.log_prob(distribution, jnp.full(6, 7), ALL), -6 * math.log(2), rtol=1e-5)
 
 
 def test_only_slots_with_a_block_count() -> None:
     head = TimeGridHead(never=0.25)
-    outputs, never = jnp.zeros(head.shape), jnp.zeros(6, jnp.int32)
-    np.testing.assert_allclose(head.log_prob(outputs, never, TWO), 2 * math.log(0.25), rtol=1e-5)
-    np.testing.assert_allclose(head.entropy(outputs, TWO), head.entropy(outputs, ALL), rtol=1e-5)
+    distribution, never = head.distribution(jnp.zeros(head.shape), TWO), jnp.zeros(6, jnp.int32)
+    np.testing.assert_allclose(head.log_prob(distribution, never, TWO), 2 * math.log(0.25), rtol=1e-5)
+    np.testing.assert_allclose(head.entropy(distribution, TWO), head.entropy(distribution, ALL), rtol=1e-5)
 
 
 def test_every_slot_is_its_own_instant() -> None:
@@ -79,21 +80,21 @@ def test_blocks_of_one_instant_go_one_after_the_other() -> None:
 
 def test_gaussian_by_hand() -> None:
     head = GaussianHead()
-    outputs = of_slot_0([1.0, math.log(0.5)], 2)  # mean 1, deviation 0.5; the other slots 0 and 1
+    distribution = head.distribution(of_slot_0([1.0, math.log(0.5)], 2), ALL)  # slot 0: mean 1, deviation 0.5
     raw_action, only = jnp.zeros(6).at[0].set(2.0), jnp.zeros(6, bool).at[0].set(True)
     expected = -0.5 * 4.0 - math.log(0.5) - 0.5 * math.log(2 * math.pi)  # two deviations away
-    np.testing.assert_allclose(head.log_prob(outputs, raw_action, only), expected, rtol=1e-6)
-    np.testing.assert_allclose(head.entropy(outputs, only), 0.5 * math.log(2 * math.pi * math.e * 0.25), rtol=1e-6)
-    np.testing.assert_allclose(head.mode(outputs, ALL), [1, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(head.log_prob(distribution, raw_action, only), expected, rtol=1e-6)
+    np.testing.assert_allclose(head.entropy(distribution, only), 0.5 * math.log(2 * math.pi * math.e * 0.25), rtol=1e-6)
+    np.testing.assert_allclose(head.mode(distribution), [1, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(head.action(jnp.array([-3.0, -1.0, 0.0, 1.0, 2.0])), [0, 0, 0.5, 1, 1])
 
 
 def test_squashed_by_hand() -> None:
     """At u = 1 the density of tanh u is that of u divided by 1 - tanh^2 1; the box is never left."""
     head = TanhNormalHead()
-    outputs, only = of_slot_0([1.0, 0.0], 2), jnp.zeros(6, bool).at[0].set(True)
+    distribution, only = head.distribution(of_slot_0([1.0, 0.0], 2), ALL), jnp.zeros(6, bool).at[0].set(True)
     expected = -0.5 * math.log(2 * math.pi) - math.log(1 - math.tanh(1) ** 2)
-    np.testing.assert_allclose(head.log_prob(outputs, jnp.ones(6), only), expected, rtol=1e-5)
+    np.testing.assert_allclose(head.log_prob(distribution, jnp.ones(6), only), expected, rtol=1e-5)
     np.testing.assert_allclose(head.action(jnp.array([-99.0, 0.0, 1.0])), [0, 0.5, (math.tanh(1) + 1) / 2], rtol=1e-6)
 
 
@@ -101,10 +102,11 @@ def test_categorical_starts_at_its_prior() -> None:
     """Two blocks share what doing nothing leaves; slots without a block are never chosen."""
     head = CategoricalHead(no_op_prob=0.9)
     outputs = jnp.zeros(7)
-    np.testing.assert_allclose(np.exp(head.log_probabilities(outputs, TWO)), [0.9, 0.05, 0.05, 0, 0, 0, 0], rtol=1e-5)
+    distribution = head.distribution(outputs, TWO)
+    np.testing.assert_allclose(np.exp(distribution), [0.9, 0.05, 0.05, 0, 0, 0, 0], rtol=1e-5)
     nats = -0.9 * math.log(0.9) - 0.1 * math.log(0.05)
-    np.testing.assert_allclose(head.entropy(outputs, TWO), nats, rtol=1e-5)
-    assert int(head.mode(outputs.at[5].set(50.0), TWO)) == 0
+    np.testing.assert_allclose(head.entropy(distribution, TWO), nats, rtol=1e-5)
+    assert int(head.mode(head.distribution(outputs.at[5].set(50.0), TWO))) == 0
 
 
 @pytest.mark.parametrize("name", SAMPLED)
@@ -115,9 +117,10 @@ def test_samples_follow_the_distribution(name: HeadName) -> None:
     @jax.jit  # one program, not one for each operation
     def drawn() -> tuple[jax.Array, jax.Array, jax.Array]:
         outputs = jax.random.normal(jax.random.key(0), head.shape) * 0.5
-        many, mask = jnp.broadcast_to(outputs[None], (20_000, *head.shape)), jnp.broadcast_to(TWO, (20_000, 6))
-        raw_action = head.sample(jax.random.key(1), many, mask)
-        entropy = jnp.zeros(()) if name == "tanh_normal" else head.entropy(outputs, TWO)  # it has no formula
+        distribution, mask = head.distribution(outputs, TWO), jnp.broadcast_to(TWO, (20_000, 6))
+        many = jnp.broadcast_to(distribution[None], (20_000, *head.shape))
+        raw_action = head.sample(jax.random.key(1), many)
+        entropy = jnp.zeros(()) if name == "tanh_normal" else head.entropy(distribution, TWO)  # it has no formula
         return -head.log_prob(many, raw_action, mask).mean(), entropy, head.action(raw_action)
 
     nats, entropy, action = drawn()
@@ -136,8 +139,9 @@ def test_the_mode_is_the_most_probable_choice(name: HeadName) -> None:
     def compared() -> tuple[jax.Array, jax.Array]:
         outputs = jax.random.normal(jax.random.key(3), (50, *head.shape))
         mask = jnp.broadcast_to(TWO, (50, 6))
-        mode, other = head.mode(outputs, mask), head.sample(jax.random.key(4), outputs, mask)
-        return normal.log_prob(outputs, mode, mask), normal.log_prob(outputs, other, mask)
+        distribution = head.distribution(outputs, mask)
+        mode, other = head.mode(distribution), head.sample(jax.random.key(4), distribution)
+        return normal.log_prob(distribution, mode, mask), normal.log_prob(distribution, other, mask)
 
     best, other = compared()
     assert bool((best >= other).all())

@@ -72,7 +72,8 @@ def test_the_first_policy_is_the_prior_for_every_scene() -> None:
         agent = algorithm(chosen)
         assert isinstance(agent, ActorCritic)
         params = jax.jit(agent.init)(jax.random.key(0), OBS[:1]).params
-        assert float(jnp.abs(jax.jit(agent.outputs)(params, OBS)).max()) < 0.1
+        outputs = jax.jit(agent.policy_network.apply)(params["policy"], OBS)
+        assert float(jnp.abs(jnp.asarray(outputs)).max()) < 0.1
 
 
 def test_masks_are_found_in_every_kind_of_observation() -> None:

@@ -1,0 +1,89 @@
+"""Write the table of headline figures in README.md from the documents in docs/results.
+
+    python tools/readme_figures.py
+
+A test does the same and compares, so that the README cannot say anything else than the results.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[1]
+HEADING: Final = "| what | figure |\n|---|---|\n"  # the only table of the README
+COLUMNS: Final = {"basic": 1, "all": 5}  # cells of a row of results.md, after its name and its seeds
+
+
+def cells(page: str, row: str, section: str = "") -> list[str]:
+    """The cells of the first row whose name fits, behind its name.
+
+    Args:
+        page: text of a document.
+        row: regular expression of the whole name.
+        section: text before which no row counts.
+
+    Raises:
+        ValueError: one line; there is no such row.
+    """
+    begin = page.index(section)
+    found = re.search(rf"^\| {row} \|(.*)\|$", page[begin:], re.MULTILINE)
+    if found is None:
+        raise ValueError(f"docs/results: expected a row {row!r} after {section!r}, found none")
+    return [cell.strip() for cell in found[1].split("|")]
+
+
+def reward(page: str, row: str, split: str) -> str:
+    """Mean greedy reward of an agent of results.md at 10 fps; the paper's agents have no seeds and no interval."""
+    return cells(page, row, "### Greedy actions")[COLUMNS[split]].split()[0]
+
+
+def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, str]]:
+    """The rows of the table from the texts of performance.md, parity.md and results.md."""
+    for dtype, of in (("float32", " pymunk's bare `Space.step`"), ("float64", "")):
+        speed, ratio = cells(performance, f"this project, {dtype}", "## Engines")
+        rate = f"{speed} million steps a second, {float(ratio):.1f} times{of}"
+        yield f"speed, {dtype}", rate
+    shares = [cells(parity, "float64", f"{fps} steps a second")[0] for fps in (60, 10)]
+    if shares != ["100", "100"]:
+        raise ValueError(f"docs/results/parity.md: expected 100 % equal bit for bit, got {shares}")
+    yield "parity, float64", "all poses of 4,000 plays equal pymunk's bit for bit"
+    same = cells(parity, "float32", "60 steps a second")[5]
+    yield "parity, float32, 60 steps a second", f"the same outcome as pymunk in {same} % of 2,000 plays"
+    yield "official environments", "2,400 episodes without a different reward or flag"
+    ours, quick, paper = (
+        r"PPO-I default, \w+, official, objects, varied",
+        r"PPO-I default, \w+, official",
+        "paper: PPO-I",
+    )
+    basic, everything = ([reward(results, row, split) for row in (ours, paper)] for split in ("basic", "all"))
+    yield "PPO in advance (`make run`), the ten basic games", f"mean reward {basic[0]}; the paper has {basic[1]}"
+    yield (
+        "the same, all forty games, thirty of them never trained on",
+        f"{everything[0]}; the paper has {everything[1]}",
+    )
+    seconds = cells(results, quick, "### Time")[2]
+    scores = "; ".join(reward(results, quick, split) for split in ("basic", "all"))
+    yield f"`--preset quick`, the ten basic games after {seconds} s of training; all forty", scores
+
+
+def with_figures(readme: str, folder: Path) -> str:
+    """The text of the README with the figures of the documents in a folder."""
+    pages = [(folder / f"{name}.md").read_text("utf-8") for name in ("performance", "parity", "results")]
+    before, after = readme.split(HEADING)
+    rest = re.sub(r"\A(\|.*\n)+", "", after)
+    return before + HEADING + "".join(f"| {what} | {figure} |\n" for what, figure in figures(*pages)) + rest
+
+
+def main() -> int:
+    """Write the table."""
+    readme = ROOT / "README.md"
+    readme.write_text(with_figures(readme.read_text("utf-8"), ROOT / "docs" / "results"), "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
