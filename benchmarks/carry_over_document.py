@@ -31,8 +31,8 @@ INTRO: Final = (
 CHOSEN: Final = (
     "Chosen on what: network and learner are those of the default preset (basic and unseen basic games). Episodes, the "
     "pool's size and share and the numbers of the curriculum were set beforehand and not tuned. The temperature of the "
-    "tries, 3, and how far they must differ come from a trial on held-out generated scenes; the forty games were in "
-    "view in that trial, as `Attempts` of the issue's trials tells. No setting was changed after these rows were seen."
+    "tries, 3, and how far they must differ come from trials on held-out generated scenes in which the forty games "
+    "were in view. No setting was changed after these rows were seen."
 )
 
 Cells = Callable[[Row], Sequence[float]]

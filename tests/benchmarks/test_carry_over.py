@@ -1,0 +1,73 @@
+"""`make carry-over`: rows that differ in nothing but their scenes, a document of its rows, the forty played once."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import carry_over
+from benchmarks.carry_over_document import document
+from iphyre_jax.files import read_json_object
+from iphyre_jax.scenes import GAMES, SPLITS
+
+SCENES = {"scene_pool", "pool_scenes", "pool_share", "variations"}
+
+
+def forty(rewards: list[float]) -> dict[str, Any]:
+    """A row of ten tries: the same best rewards in all games; solved from the second try on."""
+    return {
+        "best_reward": dict.fromkeys(GAMES, rewards),
+        "solved": {game: [0.0, *[1.0] * 9] for game in GAMES},
+        "faults": 0,
+    }
+
+
+def held(reward: float) -> dict[str, Any]:
+    return {kind: {"reward": [reward, reward], "success": [1.0, 0.0]} for kind in ("unseen_basic", "held_out")}
+
+
+def test_rows_differ_in_their_scenes_only() -> None:
+    table = carry_over.rows(Path("pool.npz"))
+    for config in table.values():
+        config.check()
+        assert config.training_games == SPLITS["basic"]
+        assert config.pool_scenes <= carry_over.TRAINED_ON < carry_over.SCENES or not config.scene_pool
+    plain = table["variations"]
+    for name in ("pool", "both"):
+        differ = {one.name for one in fields(plain) if getattr(plain, one.name) != getattr(table[name], one.name)}
+        assert differ <= SCENES
+    assert {config.episodes_per_update * config.updates for config in table.values()} == {256_000}
+
+
+def test_the_document_of_two_seeds(tmp_path: Path) -> None:
+    found = {"both-0": held(700.0), "both-1": held(800.0)}
+    plain = document(found, {60: {}, 10: {}}, ["both-2"], tmp_path / "none", {"commit": "c"})
+    assert "| both | 2 | 750.0 [700, 800] | 50.0 [50, 50] | 750.0 [700, 800] | 50.0 [50, 50] |" in plain
+    assert "Still missing: both-2." in plain
+    assert "All forty games" not in plain
+    counter = tmp_path / "count.json"
+    counter.write_text('{"runs": 1}')
+    rows = {"both-0": forty([600.0, *[900.0] * 9]), "both-1": forty([800.0, *[1000.0] * 9])}
+    text = document(found, {60: rows, 10: {}}, [], counter, {})
+    assert "This command has played them 1 time, each policy once." in text
+    assert f"| both | 2 {'| 700.0 [600, 800] ' * 5}| 0.0 [0, 0] |" in text
+    assert f"| both | 700.0 [600, 800] {'| 950.0 [900, 1000] ' * 3}| 100.0 [100, 100] |" in text
+    assert "| people | - | - | 844" in text
+    assert "10 steps a second, reset 2" not in text
+
+
+def test_the_forty_are_played_once_and_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    played: list[int] = []
+
+    def play(agent: object, fps: int, dtype: str) -> dict[str, Any]:
+        played.append(fps)
+        return forty([500.0] * 10)
+
+    monkeypatch.setattr(carry_over, "forty_row", play)
+    for _ in range(2):
+        carry_over.play_forty(tmp_path, {}, tmp_path)
+    assert sorted(played) == [10, 10, 60, 60]  # random plans and the shipped policy
+    assert read_json_object(tmp_path / carry_over.COUNTER) == {"runs": 1}
