@@ -140,8 +140,8 @@ def test_an_update_has_few_topologies_and_no_scene_twice() -> None:
 
 def test_a_pool_takes_its_share_of_every_game(tiny: TrainConfig) -> None:
     assert groups_of(tiny) == (2, 1)
-    assert training_scenes(tiny, 1) == (["support", "hole"], GROUP)
-    assert training_scenes(replace(tiny, pool_share=1.0), 1) == ([], GROUP)
+    assert training_scenes(tiny, 1) == (("support", "hole"), GROUP)
+    assert training_scenes(replace(tiny, pool_share=1.0), 1) == ((), GROUP)
     varied = replace(tiny, variations=4, episodes_per_scene=4 * GROUP, pool_share=0.5)
     scenes, episodes = training_scenes(varied, 1)
     assert (len(scenes), scenes[0], scenes[2], episodes) == (4, "support", "hole", GROUP)

@@ -35,8 +35,8 @@ return of {ASKED} of 1000 points and plays. Mean reward / games solved, %.
   fly it is constant, combined the times are halved. `paper` has them right. `clone-solved` and `clone-all` see no
   return. `ours` learns events: which block goes next, and after how long.
 * Greedy plays the likeliest action; of times, a block goes if that is likelier than not. That rule came after a row of
-  official data had been seen, on all forty games. Sampled draws actions. Contrast draws {CANDIDATES} plans and plays the one that a
-  high return makes likelier most, compared with a failure.
+  official data had been seen, on all forty games. Sampled draws actions. Contrast draws {CANDIDATES} plans and plays
+  the one that a high return makes likelier most, compared with a failure.
 * Nearest neighbour plays solving plans of the most similar basic game; on basic that is a game's own solution. Random
   plans are the first {RANDOM} official ones of each game, played now.
 * Mean over seeds ± standard deviation over seeds; a row says how many there are.
