@@ -100,7 +100,8 @@ def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainC
     elif not is_trained(folder, config):
         result = loop.resume(folder, console)
     else:
-        return runs.load(folder)[0], runs.load(folder)[1].learner
+        written, state = runs.load(folder)
+        return written, state.learner
     if not result.finished:
         raise KeyboardInterrupt
     return runs.read_config(folder), result.state.learner
