@@ -93,7 +93,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
 
 def _print(folder: Path, console: Console) -> None:
     """Print the accuracy of an evaluated run on each column."""
-    evaluation = storage.read_evaluation(folder)
+    evaluation = storage.RUNS.read_evaluation(folder)
     say(console, f"{evaluation['row']}: accuracy %, 60 fps, fresh space, float64")
     for column in COLUMNS:
         if column in evaluation["columns"]:

@@ -106,7 +106,7 @@ def best_known(fps: int) -> dict[str, tuple[float, float]]:
 
 def _print(folder: Path, console: Console) -> None:
     """Print the mean reward of an evaluated run on each split."""
-    evaluation = storage.read_evaluation(folder)
+    evaluation = storage.RUNS.read_evaluation(folder)
     say(console, f"{evaluation['row']}: mean reward / solved %, {evaluation['settings']['fps']} fps, float64")
     for mode in report.MODES:
         if mode in evaluation["modes"]:

@@ -26,6 +26,7 @@ from iphyre_jax.models.outcome.plays.sets import (
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
 from iphyre_jax.models.outcome.training import OutcomeState
+from iphyre_jax.models.storage import EVALUATION
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 
@@ -77,8 +78,8 @@ def make_row(
         The state, None if the row was done before, and its evaluation.
     """
     folder = where.root / config.name
-    if (folder / storage.EVALUATION).is_file():
-        found = storage.read_evaluation(folder)
+    if (folder / EVALUATION).is_file():
+        found = storage.RUNS.read_evaluation(folder)
         if found.get("settings") == config.to_json():
             return None, found
     learned, varied = learned_plays(sets, config.data, where.root / "data", console)
@@ -145,8 +146,8 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     for name, config in ROWS.items():
         if name in wanted:
             found[name] = make_row(where, config, sets, console)[1]
-        elif (where.root / name / storage.EVALUATION).is_file():
-            found[name] = storage.read_evaluation(where.root / name)
+        elif (where.root / name / EVALUATION).is_file():
+            found[name] = storage.RUNS.read_evaluation(where.root / name)
         if name in found and name in AGENTS:
             best = storage.load_classifier(name, where.root / name / "best")
             if where.weights is not None:

@@ -28,6 +28,7 @@ from iphyre_jax.models.outcome.training import (
     start,
     train_chunk,
 )
+from iphyre_jax.models.storage import EVALUATION, VERSION
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 
@@ -59,7 +60,7 @@ def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, 
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        storage.create(folder, config, learned)
+        storage.RUNS.create(folder, config, plays={"count": len(learned), "sha256": storage.plays_sum(learned)})
         material = material_of(config, learned, held)
         state, history = start(config, material), History(*[jnp.zeros((0, config.seeds))] * 3)
         if (saved := storage.load(folder, state)) is not None:
@@ -143,8 +144,8 @@ def evaluate(
             own = rates if len(part.scenes) == len(rates) else None
             found[name] = measured(part, judge(config, params, part), own)
     content = {
-        "schema": storage.SCHEMA,
-        "version": storage.VERSION,
+        "schema": storage.RUNS.schema,
+        "version": VERSION,
         "row": config.name,
         "settings": config.to_json(),
         "parameters": parameter_count(params),
@@ -152,7 +153,7 @@ def evaluate(
         "columns": found,
         **provenance(),
     }
-    replace_json(folder / storage.EVALUATION, content)
+    replace_json(folder / EVALUATION, content)
     return content
 
 

@@ -144,20 +144,3 @@ def settings(preset: PresetName = "paper", network: NetworkName | None = None) -
         ratio = VISION_BATCH // config.batch_size
         config = dataclasses.replace(config, batch_size=VISION_BATCH, half_period=config.half_period // ratio)
     return config
-
-
-def settings_from_json(content: object, source: str) -> OutcomeConfig:
-    """The settings that `to_json` wrote.
-
-    Raises:
-        ValueError: one line that begins with `source`; a setting is missing, unknown or wrong.
-    """
-    names = {field.name for field in dataclasses.fields(OutcomeConfig)}
-    if not isinstance(content, dict) or set(content) != names:
-        raise ValueError(f"{source}: settings: expected {', '.join(sorted(names))}, got {show(content)}")
-    config = OutcomeConfig(**content)
-    try:
-        config.check()
-    except ValueError as error:
-        raise ValueError(f"{source}: settings: {error}") from None
-    return config

@@ -22,32 +22,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.files import (
-    pack_npz,
-    read_json_object,
-    read_npz,
-    read_versioned,
-    replace_bytes,
-    replace_json,
-    replace_text,
-)
+from iphyre_jax.files import pack_npz, replace_bytes, replace_text
 from iphyre_jax.models.outcome.networks.fusion import network
 from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes, scene_inputs
-from iphyre_jax.models.outcome.settings import OutcomeConfig, settings_from_json
+from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.training import History, OutcomeState, Params
-from iphyre_jax.provenance import provenance
+from iphyre_jax.models.storage import METRICS, STATE, RunFolders, WeightFiles, read_state
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
-from iphyre_jax.train.storage.weights import restored, verify_sum
+from iphyre_jax.train.storage.weights import restored
 
-SCHEMA: Final = "iphyre_jax/outcome-run"
-WEIGHTS_SCHEMA: Final = "iphyre_jax/outcome-classifier"
-VERSION: Final = 1
-CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
-HISTORY: Final = "history."
 MAX_STATE: Final = 2**30  # bytes
+RUNS: Final = RunFolders("iphyre_jax/outcome-run", OutcomeConfig)
+FILES: Final = WeightFiles("iphyre_jax/outcome-classifier", OutcomeConfig, "classifier", np.float16, MAX_STATE)
+HISTORY: Final = "history."
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.outcome").joinpath("weights")))
 
 
@@ -57,48 +46,6 @@ def plays_sum(plays: Dataset) -> str:
     for name in ("game", "times", "steps", "success", "end_step"):
         hasher.update(np.ascontiguousarray(getattr(plays, name)).tobytes())
     return hasher.hexdigest()
-
-
-def create(folder: Path, config: OutcomeConfig, learned: Dataset) -> None:
-    """Begin a run folder, or find the same run in it.
-
-    Raises:
-        ValueError: one line; the folder holds a run with other settings or other plays.
-    """
-    config.check()
-    found = {"settings": config.to_json(), "plays": {"count": len(learned), "sha256": plays_sum(learned)}}
-    if (folder / CONFIG).is_file():
-        content = read_json_object(folder / CONFIG)
-        for field, value in found.items():
-            if content.get(field) != value:
-                raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_json(folder / CONFIG, {"schema": SCHEMA, "version": VERSION, **found, **provenance()})
-
-
-def read_config(folder: Path) -> OutcomeConfig:
-    """The settings of a run.
-
-    Raises:
-        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
-    """
-    file = folder / CONFIG
-    if not file.is_file():
-        raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
-    return settings_from_json(read_versioned(file, SCHEMA, (VERSION,)).get("settings"), str(file))
-
-
-def read_evaluation(folder: Path) -> dict[str, Any]:
-    """The evaluation of a run.
-
-    Raises:
-        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
-    """
-    file = folder / EVALUATION
-    if not file.is_file():
-        raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
-    return read_versioned(file, SCHEMA, (VERSION,))
 
 
 def save(folder: Path, state: OutcomeState, history: History) -> None:
@@ -121,12 +68,11 @@ def load(folder: Path, like: OutcomeState) -> tuple[OutcomeState, History] | Non
     Raises:
         ValueError: one line; the file is damaged or belongs to other settings.
     """
-    file = folder / STATE
-    if not file.is_file():
+    arrays = read_state(folder, MAX_STATE)
+    if arrays is None:
         return None
-    arrays = read_npz(file, MAX_STATE)
     history = [arrays.pop(HISTORY + name, np.zeros(0)) for name in History._fields]
-    return restored(arrays, like, file), History(*(jnp.asarray(each) for each in history))
+    return restored(arrays, like, folder / STATE), History(*(jnp.asarray(each) for each in history))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +94,7 @@ class OutcomeClassifier:
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     """The names of the trained classifiers."""
-    return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+    return FILES.names(folder)
 
 
 def rounded(params: Params, seed: int) -> Params:
@@ -158,18 +104,7 @@ def rounded(params: Params, seed: int) -> Params:
 
 def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
     """Write the two files of a classifier; its parameters are `rounded`."""
-    halves = {name: np.asarray(leaf, np.float16) for name, leaf in named_arrays(classifier.params).items()}
-    content = pack_npz(halves)
-    described = {
-        "schema": WEIGHTS_SCHEMA,
-        "version": VERSION,
-        "settings": classifier.config.to_json(),
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "origin": dict(classifier.origin),
-    }
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_bytes(folder / f"{classifier.name}.npz", content)
-    replace_json(folder / f"{classifier.name}.json", described)
+    FILES.save(folder, classifier.name, classifier.config, classifier.params, classifier.origin)
 
 
 def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
@@ -178,15 +113,8 @@ def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
     Raises:
         ValueError: one line; the name is unknown, or its files are damaged.
     """
-    described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
-    if not (described.is_file() and arrays.is_file()):
-        raise ValueError(f"classifier: expected one of {', '.join(names(folder)) or 'none'}; got {show(name)}")
-    content = read_versioned(described, WEIGHTS_SCHEMA, (VERSION,))
-    config = settings_from_json(content.get("settings"), str(described))
-    verify_sum(arrays, content.get("sha256"))
-    like = jax.eval_shape(lambda: _one_network(config))
-    params = restored(read_npz(arrays, MAX_STATE), like, arrays)
-    return OutcomeClassifier(name, dataclasses.replace(config, seeds=1), params, content.get("origin", {}))
+    config, params, origin = FILES.load(folder, name, _one_network)
+    return OutcomeClassifier(name, dataclasses.replace(config, seeds=1), params, origin)
 
 
 def _one_network(config: OutcomeConfig) -> Params:

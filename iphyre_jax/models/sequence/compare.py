@@ -15,6 +15,7 @@ from iphyre_jax.checks import check_option
 from iphyre_jax.files import read_versioned, replace_json
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
+from iphyre_jax.models.storage import EVALUATION
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 
@@ -67,8 +68,8 @@ def row_settings(name: str) -> SequenceConfig:
 def make_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
     """Train and evaluate a row, or what is left of it; its evaluation."""
     folder = where.root / config.name
-    if (folder / storage.EVALUATION).is_file():
-        found = storage.read_evaluation(folder)
+    if (folder / EVALUATION).is_file():
+        found = storage.RUNS.read_evaluation(folder)
         if found.get("settings") == config.to_json():
             return found
     data, plays = sets.learned_episodes(config, where.root / "data", console)
@@ -115,8 +116,8 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
         folder = where.root / name
         if name in wanted:
             found[name] = make_row(where, config, console)
-        elif (folder / storage.EVALUATION).is_file():
-            found[name] = storage.read_evaluation(folder)
+        elif (folder / EVALUATION).is_file():
+            found[name] = storage.RUNS.read_evaluation(folder)
         if name not in found:
             continue
         if config.fps not in below:

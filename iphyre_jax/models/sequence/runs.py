@@ -16,6 +16,7 @@ from iphyre_jax.models.sequence import evaluation, storage
 from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.models.sequence.training import SequenceState, of_seed, parameter_count, start, train_chunk
+from iphyre_jax.models.storage import EVALUATION, VERSION
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 
@@ -38,7 +39,7 @@ def train(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        storage.create(folder, config, plays)
+        storage.RUNS.create(folder, config, plays=dict(plays))
         arrays = jax.tree.map(jnp.asarray, data)
         state, losses = start(config, arrays), np.zeros((0, config.seeds), np.float32)
         if (saved := storage.load(folder, state)) is not None:
@@ -56,15 +57,15 @@ def train(
 def evaluate(folder: Path, config: SequenceConfig, state: SequenceState) -> dict[str, Any]:
     """Let the models of a run play and write evaluation.json."""
     content = {
-        "schema": storage.SCHEMA,
-        "version": storage.VERSION,
+        "schema": storage.RUNS.schema,
+        "version": VERSION,
         "row": config.name,
         "settings": config.to_json(),
         "parameters": parameter_count(state.params),
         "modes": evaluation.evaluate(config, state.params, config.seeds),
         **provenance(),
     }
-    replace_json(folder / storage.EVALUATION, content)
+    replace_json(folder / EVALUATION, content)
     return content
 
 

@@ -141,20 +141,3 @@ def settings(preset: PresetName = "paper", strategy: StrategyName = "in-advance"
     if strategy == "on-the-fly":
         return dataclasses.replace(config, context=20, updates=200, batch_size=32, seeds=1, fps=OFFICIAL_FPS)
     return config
-
-
-def settings_from_json(content: object, source: str) -> SequenceConfig:
-    """The settings that `to_json` wrote.
-
-    Raises:
-        ValueError: one line that begins with `source`; a setting is missing, unknown or wrong.
-    """
-    names = {field.name for field in dataclasses.fields(SequenceConfig)}
-    if not isinstance(content, dict) or set(content) != names:
-        raise ValueError(f"{source}: settings: expected {', '.join(sorted(names))}, got {show(content)}")
-    config = SequenceConfig(**content)
-    try:
-        config.check()
-    except ValueError as error:
-        raise ValueError(f"{source}: settings: {error}") from None
-    return config

@@ -11,7 +11,6 @@ A trained model is NAME.npz, the parameters of one seed in float16, and NAME.jso
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -23,69 +22,23 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import show
-from iphyre_jax.files import (
-    pack_npz,
-    read_json_object,
-    read_npz,
-    read_versioned,
-    replace_bytes,
-    replace_json,
-    replace_text,
-)
+from iphyre_jax.files import pack_npz, replace_bytes, replace_text
 from iphyre_jax.models.sequence.agent import Memory
 from iphyre_jax.models.sequence.networks import SequenceModel
-from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig, settings_from_json
+from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, SequenceState
-from iphyre_jax.provenance import provenance
+from iphyre_jax.models.storage import METRICS, STATE, RunFolders, WeightFiles, read_state
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
-from iphyre_jax.train.storage.weights import restored, verify_sum
+from iphyre_jax.train.storage.weights import restored
 
-SCHEMA: Final = "iphyre_jax/sequence-run"
-WEIGHTS_SCHEMA: Final = "iphyre_jax/sequence-model"
-VERSION: Final = 1
-CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
-LOSSES: Final = "losses"
 MAX_STATE: Final = 2**30  # bytes
+RUNS: Final = RunFolders("iphyre_jax/sequence-run", SequenceConfig)
+FILES: Final = WeightFiles("iphyre_jax/sequence-model", SequenceConfig, "model", np.float16, MAX_STATE)
+LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.sequence").joinpath("weights")))
 
 Floats = npt.NDArray[np.float32]
-
-
-def create(folder: Path, config: SequenceConfig, plays: Mapping[str, Any]) -> None:
-    """Begin a run folder, or find the same run in it.
-
-    Args:
-        folder: of the run.
-        config: settings.
-        plays: what is learned from: its number and its sum.
-
-    Raises:
-        ValueError: one line; the folder holds a run with other settings or other plays.
-    """
-    config.check()
-    found = {"settings": config.to_json(), "plays": dict(plays)}
-    if (folder / CONFIG).is_file():
-        content = read_json_object(folder / CONFIG)
-        for field, value in found.items():
-            if content.get(field) != value:
-                raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_json(folder / CONFIG, {"schema": SCHEMA, "version": VERSION, **found, **provenance()})
-
-
-def read_evaluation(folder: Path) -> dict[str, Any]:
-    """The evaluation of a run.
-
-    Raises:
-        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
-    """
-    file = folder / EVALUATION
-    if not file.is_file():
-        raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
-    return read_versioned(file, SCHEMA, (VERSION,))
 
 
 def save(folder: Path, config: SequenceConfig, state: SequenceState, losses: Floats) -> None:
@@ -106,12 +59,11 @@ def load(folder: Path, like: SequenceState) -> tuple[SequenceState, Floats] | No
     Raises:
         ValueError: one line; the file is damaged or belongs to other settings.
     """
-    file = folder / STATE
-    if not file.is_file():
+    arrays = read_state(folder, MAX_STATE)
+    if arrays is None:
         return None
-    arrays = read_npz(file, MAX_STATE)
     losses = arrays.pop(LOSSES, np.zeros((0, 1), np.float32))
-    return restored(arrays, like, file), losses
+    return restored(arrays, like, folder / STATE), losses
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +85,7 @@ class TrainedModel:
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     """The names of the trained models."""
-    return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+    return FILES.names(folder)
 
 
 def rounded(params: Params) -> Params:
@@ -143,17 +95,7 @@ def rounded(params: Params) -> Params:
 
 def save_model(model: TrainedModel, folder: Path = WEIGHTS) -> None:
     """Write the two files of a model; its parameters are `rounded`."""
-    content = pack_npz({name: np.asarray(leaf, np.float16) for name, leaf in named_arrays(model.params).items()})
-    described = {
-        "schema": WEIGHTS_SCHEMA,
-        "version": VERSION,
-        "settings": model.config.to_json(),
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "origin": dict(model.origin),
-    }
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_bytes(folder / f"{model.name}.npz", content)
-    replace_json(folder / f"{model.name}.json", described)
+    FILES.save(folder, model.name, model.config, model.params, model.origin)
 
 
 def load_model(name: str, folder: Path = WEIGHTS) -> TrainedModel:
@@ -162,15 +104,8 @@ def load_model(name: str, folder: Path = WEIGHTS) -> TrainedModel:
     Raises:
         ValueError: one line; the name is unknown, or its files are damaged.
     """
-    described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
-    if not (described.is_file() and arrays.is_file()):
-        raise ValueError(f"model: expected one of {', '.join(names(folder)) or 'none'}; got {show(name)}")
-    content = read_versioned(described, WEIGHTS_SCHEMA, (VERSION,))
-    config = settings_from_json(content.get("settings"), str(described))
-    verify_sum(arrays, content.get("sha256"))
-    like = jax.eval_shape(lambda: _shapes(config))
-    params = restored(read_npz(arrays, MAX_STATE), like, arrays)
-    return TrainedModel(name, dataclasses.replace(config, seeds=1), params, content.get("origin", {}))
+    config, params, origin = FILES.load(folder, name, _shapes)
+    return TrainedModel(name, dataclasses.replace(config, seeds=1), params, origin)
 
 
 def _shapes(config: SequenceConfig) -> Params:

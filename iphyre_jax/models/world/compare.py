@@ -12,6 +12,7 @@ from rich.console import Console
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
+from iphyre_jax.models.storage import EVALUATION, VERSION
 from iphyre_jax.models.world import report, storage
 from iphyre_jax.models.world.metrics import COLUMNS, measured
 from iphyre_jax.models.world.planning import PLANNED, model_planner, planned, planning_bounds, read_bounds
@@ -64,12 +65,12 @@ def evaluate(folder: Path, plans: int, console: Console) -> dict[str, Any]:
         if column not in content["columns"]:
             with console.status(f"{folder.name}: {column}"):
                 content["columns"][column] = measured(model, column)
-            replace_json(folder / storage.EVALUATION, content)
+            replace_json(folder / EVALUATION, content)
     for split in PLANNED if plans else ():
         if content["planning"].get(split, {}).get("plans") != plans:
             with console.status(f"{folder.name}: plans in {split}"):
                 content["planning"][split] = planned(model_planner(model, plans), SPLITS[split], plans)
-            replace_json(folder / storage.EVALUATION, content)
+            replace_json(folder / EVALUATION, content)
     if plans:
         with console.status("planners beside it"):
             planning_bounds(folder.parent, plans)
@@ -86,10 +87,10 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
     """
     best: dict[str, tuple[float, Path]] = {}
     for folder in folders:
-        measures = storage.read_evaluation(folder)["columns"].get(CHOSEN_ON)
+        measures = storage.RUNS.read_evaluation(folder)["columns"].get(CHOSEN_ON)
         if measures is None:
-            raise ValueError(f"{folder / storage.EVALUATION}: columns: expected {CHOSEN_ON}, it is not there yet")
-        right, name = measures["outcomes"]["right"], storage.read_config(folder).row
+            raise ValueError(f"{folder / EVALUATION}: columns: expected {CHOSEN_ON}, it is not there yet")
+        right, name = measures["outcomes"]["right"], storage.RUNS.read_config(folder).row
         if name not in best or right > best[name][0]:
             best[name] = (right, folder)
     for name, (right, folder) in best.items():
@@ -102,13 +103,13 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
 def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     """The evaluation of a run so far; a new one if it was trained further."""
     steps = model.origin["steps"]
-    if (folder / storage.EVALUATION).is_file():
-        found = storage.read_evaluation(folder)
+    if (folder / EVALUATION).is_file():
+        found = storage.RUNS.read_evaluation(folder)
         if found.get("settings") == model.config.to_json() and found.get("steps") == steps:
             return found
     return {
-        "schema": storage.SCHEMA,
-        "version": storage.VERSION,
+        "schema": storage.RUNS.schema,
+        "version": VERSION,
         "settings": model.config.to_json(),
         "steps": steps,
         "columns": {},
@@ -134,12 +135,12 @@ def write_report(root: Path, out: Path) -> None:
     Raises:
         FileNotFoundError, ValueError: one line; there is none, or one is damaged.
     """
-    files = sorted(root.glob(f"*/{storage.EVALUATION}"))
+    files = sorted(root.glob(f"*/{EVALUATION}"))
     found: dict[str, list[dict[str, Any]]] = {}
     for name in ROWS:
         runs = [file.parent for file in files if file.parent.name.rpartition("-")[0] == name]
         if runs:
-            found[name] = [storage.read_evaluation(folder) for folder in runs]
+            found[name] = [storage.RUNS.read_evaluation(folder) for folder in runs]
     if not found:
         raise FileNotFoundError(f"{root}: expected evaluated runs, found none")
     facts = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}

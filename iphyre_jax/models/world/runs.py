@@ -36,7 +36,7 @@ def train(folder: Path, config: WorldConfig, console: Console, plays: Plays | No
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        storage.create(folder, config)
+        storage.RUNS.create(folder, config)
         state, losses = start(config), list[float]()
         if (saved := storage.load(folder, state)) is not None:
             state, losses = saved

@@ -88,20 +88,3 @@ class WorldConfig:
     def to_json(self) -> dict[str, Any]:
         """The settings as a JSON object."""
         return dataclasses.asdict(self)
-
-
-def settings_from_json(content: object, source: str) -> WorldConfig:
-    """The settings that `to_json` wrote.
-
-    Raises:
-        ValueError: one line that begins with `source`; a setting is missing, unknown or wrong.
-    """
-    names = {field.name for field in dataclasses.fields(WorldConfig)}
-    if not isinstance(content, dict) or set(content) != names:
-        raise ValueError(f"{source}: settings: expected {', '.join(sorted(names))}, got {show(content)}")
-    config = WorldConfig(**content)
-    try:
-        config.check()
-    except ValueError as error:
-        raise ValueError(f"{source}: settings: {error}") from None
-    return config

@@ -10,6 +10,7 @@ import pytest
 
 from iphyre_jax.cli import main as cli
 from iphyre_jax.models.outcome import report, runs, storage
+from iphyre_jax.models.storage import VERSION
 from tests.models.outcome.made_up import made_up
 
 
@@ -19,8 +20,8 @@ def evaluation(*chances: float) -> dict[str, Any]:
     table = np.repeat(np.array(chances)[:, None], len(plays), axis=1)
     found = runs.measured(plays, table, np.full(3, 0.25))
     return {
-        "schema": storage.SCHEMA,
-        "version": storage.VERSION,
+        "schema": storage.RUNS.schema,
+        "version": VERSION,
         "row": "x",
         "parameters": 7,
         "columns": {"noisy": found},

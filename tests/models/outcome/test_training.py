@@ -13,6 +13,7 @@ from rich.console import Console
 from iphyre_jax.models.outcome import metrics, runs, storage, training
 from iphyre_jax.models.outcome.agent import draw_randomly, ranking_agent
 from iphyre_jax.models.outcome.settings import settings
+from iphyre_jax.models.storage import METRICS
 from tests.models.outcome.made_up import made_up
 
 QUIET = Console(quiet=True)
@@ -51,11 +52,11 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.OutcomeState], t
         patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
         with pytest.raises(KeyboardInterrupt):
             runs.train(folder, CONFIG, LEARNED, HELD, QUIET)
-    assert len((folder / storage.METRICS).read_text().splitlines()) == 1 + CONFIG.chunk
+    assert len((folder / METRICS).read_text().splitlines()) == 1 + CONFIG.chunk
     resumed = runs.train(folder, CONFIG, LEARNED, HELD, QUIET)
     for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert (folder / storage.METRICS).read_bytes() == (trained[0] / storage.METRICS).read_bytes()
+    assert (folder / METRICS).read_bytes() == (trained[0] / METRICS).read_bytes()
 
 
 def test_other_plays_are_refused(trained: tuple[Path, training.OutcomeState]) -> None:
@@ -67,7 +68,7 @@ def test_evaluates_ships_and_plays(trained: tuple[Path, training.OutcomeState], 
     folder, state = trained
     judged = {"held-out basic": JUDGED, "unseen_basic": HELD}
     evaluation = runs.evaluate(folder, CONFIG, state, judged, np.full(3, 0.25))
-    assert storage.read_evaluation(folder)["columns"] == evaluation["columns"]
+    assert storage.RUNS.read_evaluation(folder)["columns"] == evaluation["columns"]
     assert evaluation["parameters"] == 24 * 256 + 256 + 256 * 2 + 2
     storage.save_classifier(runs.shipped(CONFIG, state, evaluation), tmp_path)
     loaded = storage.load_classifier("clean-plan", tmp_path)

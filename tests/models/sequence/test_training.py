@@ -13,7 +13,9 @@ from rich.console import Console
 
 from iphyre_jax.models.sequence import agent, runs, storage, training
 from iphyre_jax.models.sequence.episodes import SequenceData, episodes
-from iphyre_jax.models.sequence.settings import settings, settings_from_json
+from iphyre_jax.models.sequence.settings import SequenceConfig, settings
+from iphyre_jax.models.settings import settings_of
+from iphyre_jax.models.storage import METRICS
 from tests.models.sequence.made_up import made_up
 
 QUIET = Console(quiet=True)
@@ -51,11 +53,11 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], 
         patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
         with pytest.raises(KeyboardInterrupt):
             runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
-    assert len((folder / storage.METRICS).read_text().splitlines()) == 1 + 1
+    assert len((folder / METRICS).read_text().splitlines()) == 1 + 1
     resumed = runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
     for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
-    assert (folder / storage.METRICS).read_bytes() == (trained[0] / storage.METRICS).read_bytes()
+    assert (folder / METRICS).read_bytes() == (trained[0] / METRICS).read_bytes()
     with pytest.raises(ValueError, match=r"config\.json: plays: expected those of this run"):
         runs.train(folder, CONFIG, DATA, {**ORIGIN, "sha256": "1"}, QUIET)
 
@@ -95,7 +97,7 @@ def test_long_sequences_are_cut() -> None:
 
 
 def test_settings_are_checked() -> None:
-    assert settings_from_json(CONFIG.to_json(), "x") == CONFIG
+    assert settings_of(SequenceConfig, CONFIG.to_json(), "x") == CONFIG
     for field, value, message in (
         ("chunk", 7, "chunk: expected a divisor of 60 updates, got 7"),
         ("heads", 3, "heads: expected a divisor of the width 16, got 3"),

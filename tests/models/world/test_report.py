@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from iphyre_jax.files import replace_json
+from iphyre_jax.models.storage import EVALUATION, VERSION
 from iphyre_jax.models.world import compare, planning, report, storage
 from iphyre_jax.models.world.metrics import BOUNDS, HORIZONS
 
@@ -22,8 +23,8 @@ def _evaluation(seed: int, first: float) -> dict[str, Any]:
         "calibration": {"one sigma": 0.7, "two sigma": 0.9, "uncertain": 0.5},
     }
     return {
-        "schema": storage.SCHEMA,
-        "version": storage.VERSION,
+        "schema": storage.RUNS.schema,
+        "version": VERSION,
         "settings": config.to_json(),
         "steps": config.steps,
         "columns": {"basic": measures},
@@ -38,7 +39,7 @@ def _played(first: float) -> dict[str, Any]:
 def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path) -> None:
     for seed, first in ((0, 400.0), (2, 600.0)):
         (tmp_path / f"objects-100-{seed}").mkdir()
-        replace_json(tmp_path / f"objects-100-{seed}" / storage.EVALUATION, _evaluation(seed, first))
+        replace_json(tmp_path / f"objects-100-{seed}" / EVALUATION, _evaluation(seed, first))
     bounds = {"planner, exact simulator": {split: _played(950.0) for split in planning.PLANNED}}
     replace_json(
         tmp_path / planning.BOUNDS_FILE,
@@ -76,19 +77,17 @@ def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     saved: dict[str, storage.WorldModel] = {}
     monkeypatch.setattr(storage, "save_model", lambda name, model, folder: saved.update({name: model}))
     monkeypatch.setattr(
-        storage, "trained_model", lambda folder: storage.WorldModel(storage.read_config(folder), (), {})
+        storage, "trained_model", lambda folder: storage.WorldModel(storage.RUNS.read_config(folder), (), {})
     )
     folders = [tmp_path / f"objects-100-{seed}" for seed in (0, 2, 1)]
     for folder, seed in zip(folders, (0, 2, 1), strict=True):
-        storage.create(folder, compare.row_settings("objects-100", seed))
+        storage.RUNS.create(folder, compare.row_settings("objects-100", seed))
         content = _evaluation(seed, 400.0)
-        replace_json(
-            folder / storage.EVALUATION, {**content, "columns": {compare.CHOSEN_ON: content["columns"]["basic"]}}
-        )
+        replace_json(folder / EVALUATION, {**content, "columns": {compare.CHOSEN_ON: content["columns"]["basic"]}})
     assert compare.ship(folders, tmp_path) == ["objects-100"]
     assert saved["objects-100"].config.seed == 2  # it has the largest share of right outcomes
     assert saved["objects-100"].origin["share"] == pytest.approx(0.7)
-    replace_json(folders[0] / storage.EVALUATION, _evaluation(0, 400.0))
+    replace_json(folders[0] / EVALUATION, _evaluation(0, 400.0))
     with pytest.raises(ValueError, match=r"evaluation\.json: columns: expected unseen_basic"):
         compare.ship(folders, tmp_path)
 

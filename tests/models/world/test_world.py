@@ -12,13 +12,15 @@ import pytest
 from rich.console import Console
 
 from iphyre_jax.cli.world import PlanInModel
+from iphyre_jax.models.settings import settings_of
+from iphyre_jax.models.storage import METRICS
 from iphyre_jax.models.world import plays, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.interface import falls_until_contact, nothing_moves, predictor, start_memory, start_rows
 from iphyre_jax.models.world.metrics import horizon_errors
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.rows import rows_of, state_in
-from iphyre_jax.models.world.settings import WorldConfig, settings_from_json
+from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import scene_tables, state_of
 from iphyre_jax.models.world.training import taken
 from iphyre_jax.observations.official import object_rows, scene_features
@@ -101,7 +103,7 @@ def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> 
     for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
         assert np.isfinite(one).all()
-    assert (tmp_path / "cut" / storage.METRICS).read_bytes() == (tmp_path / "whole" / storage.METRICS).read_bytes()
+    assert (tmp_path / "cut" / METRICS).read_bytes() == (tmp_path / "whole" / METRICS).read_bytes()
     with pytest.raises(ValueError, match=r"config\.json: settings: expected those of this run"):
         runs.train(tmp_path / "cut", dataclasses.replace(MDRNN, seed=1), QUIET, PLAYS)
 
@@ -149,7 +151,7 @@ def test_mdrnn_sees_lengths_scaled_and_flags_whole() -> None:
 def test_wrong_settings_are_refused(field: str, value: object) -> None:
     content = {**WorldConfig(steps=4, chunk=2).to_json(), field: value}
     with pytest.raises(ValueError, match=rf"file: settings: ({field}|chunk): expected"):
-        settings_from_json(content, "file")
+        settings_of(WorldConfig, content, "file")
 
 
 def test_the_command_plans_in_what_ships() -> None:

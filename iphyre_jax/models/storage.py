@@ -1,0 +1,156 @@
+"""What all kinds of models share in files: run folders, and the pairs of files of trained models.
+
+A run folder has config.json (settings, what is learned from, versions, machine, commit), state.npz (the whole state
+after the last chunk; whole at any moment), metrics.csv and evaluation.json. A trained model is NAME.npz with its
+parameters, and NAME.json with the sum of the former.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Generic
+
+import jax
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.checks import show
+from iphyre_jax.files import pack_npz, read_json_object, read_npz, read_versioned, replace_bytes, replace_json
+from iphyre_jax.models.settings import S, settings_of
+from iphyre_jax.provenance import provenance
+from iphyre_jax.train.storage.checkpoint import named_arrays
+from iphyre_jax.train.storage.weights import restored, verify_sum
+
+VERSION: Final = 1
+CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
+
+Params = Any  # a network's tree of arrays
+
+
+@dataclass(frozen=True)
+class RunFolders(Generic[S]):
+    """The run folders of one kind of model.
+
+    Attributes:
+        schema: of config.json and evaluation.json.
+        kind: class of the settings.
+    """
+
+    schema: str
+    kind: type[S]
+
+    def create(self, folder: Path, config: S, **learned: object) -> None:
+        """Begin a run folder, or find the same run in it.
+
+        Args:
+            folder: of the run.
+            config: settings.
+            **learned: what else decides the run, JSON values.
+
+        Raises:
+            ValueError: one line; the folder holds another run.
+        """
+        config.check()
+        found = {"settings": config.to_json(), **learned}
+        if (folder / CONFIG).is_file():
+            content = read_json_object(folder / CONFIG)
+            for field, value in found.items():
+                if content.get(field) != value:
+                    raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
+            return
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_json(folder / CONFIG, {"schema": self.schema, "version": VERSION, **found, **provenance()})
+
+    def read_config(self, folder: Path) -> S:
+        """The settings of a run.
+
+        Raises:
+            FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+        """
+        file = folder / CONFIG
+        if not file.is_file():
+            raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
+        return settings_of(self.kind, read_versioned(file, self.schema, (VERSION,)).get("settings"), str(file))
+
+    def read_evaluation(self, folder: Path) -> dict[str, Any]:
+        """The evaluation of a run.
+
+        Raises:
+            FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+        """
+        file = folder / EVALUATION
+        if not file.is_file():
+            raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
+        return read_versioned(file, self.schema, (VERSION,))
+
+
+@dataclass(frozen=True)
+class WeightFiles(Generic[S]):
+    """The files of trained models of one kind.
+
+    Attributes:
+        schema: of NAME.json.
+        kind: class of the settings.
+        what: word for a model, in errors.
+        dtype: in which parameters are kept.
+        max_bytes: of NAME.npz.
+    """
+
+    schema: str
+    kind: type[S]
+    what: str
+    dtype: npt.DTypeLike
+    max_bytes: int
+
+    def names(self, folder: Path) -> tuple[str, ...]:
+        """The names of the trained models in a folder."""
+        return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+
+    def save(self, folder: Path, name: str, config: S, params: Params, origin: Mapping[str, Any]) -> None:
+        """Write the two files of a model."""
+        arrays = named_arrays(params)
+        content = pack_npz({key: np.asarray(leaf, self.dtype) for key, leaf in arrays.items()})
+        described = {
+            "schema": self.schema,
+            "version": VERSION,
+            "settings": config.to_json(),
+            "sha256": hashlib.sha256(content).hexdigest(),
+            "origin": dict(origin),
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_bytes(folder / f"{name}.npz", content)
+        replace_json(folder / f"{name}.json", described)
+
+    def load(self, folder: Path, name: str, start: Callable[[S], Params]) -> tuple[S, Params, Mapping[str, Any]]:
+        """Settings, parameters and origin of a model.
+
+        Args:
+            folder: of the files.
+            name: of the model.
+            start: gives parameters of some settings, for their shapes.
+
+        Raises:
+            ValueError: one line; the name is unknown, or its files are damaged.
+        """
+        described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
+        if not (described.is_file() and arrays.is_file()):
+            known = ", ".join(self.names(folder)) or "none"
+            raise ValueError(f"{self.what}: expected one of {known}; got {show(name)}")
+        content = read_versioned(described, self.schema, (VERSION,))
+        config = settings_of(self.kind, content.get("settings"), str(described))
+        verify_sum(arrays, content.get("sha256"))
+        like = jax.eval_shape(lambda: start(config))
+        return config, restored(read_npz(arrays, self.max_bytes), like, arrays), content.get("origin", {})
+
+
+def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | None:
+    """The arrays of state.npz; None if there is none.
+
+    Raises:
+        ValueError: one line; the file is damaged.
+    """
+    file = folder / STATE
+    return read_npz(file, max_bytes) if file.is_file() else None
