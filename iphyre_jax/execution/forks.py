@@ -1,12 +1,15 @@
 """What is checked before the package is used: that this is no forked child, and that JAX has room to start.
 
 Threads and clients do not come along into a forked child, so one forked after use would wait for them forever.
+Processes of our own are therefore started anew; `import_path` lets them find what this one imports.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from iphyre_jax.execution.configuration import jax_has_started
@@ -44,3 +47,8 @@ def check_fork() -> None:
             "iphyre_jax: this process was forked from one that had already used it, and its threads did not come "
             'along; start processes by spawn, as multiprocessing.get_context("spawn") does'
         )
+
+
+def import_path() -> str:
+    """Return the PYTHONPATH with which a new process, in any folder, imports what this one does."""
+    return os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)

@@ -24,6 +24,7 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu, partition_of
+from iphyre_jax.execution.forks import import_path
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
 from iphyre_jax.scenes import MAX_ELIMINABLE, load_scene
 from iphyre_jax.train.settings.run import TrainConfig
@@ -60,11 +61,11 @@ def _all_cached(config: TrainConfig, games: Sequence[str]) -> bool:
 @contextmanager
 def _process(config: TrainConfig, games: Sequence[str], folder: Path | None) -> Iterator[None]:
     options = ["--fps", str(config.fps), "--resets", str(config.resets), "--dtype", config.dtype]
-    path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
+    environment = {"PYTHONPATH": import_path(), "JAX_PLATFORMS": "cpu", "IPHYRE_JAX_CACHE": str(folder)}
     try:
         process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
             [sys.executable, "-P", "-m", MODULE, *options, *games],
-            env={**os.environ, "PYTHONPATH": path, "JAX_PLATFORMS": "cpu", "IPHYRE_JAX_CACHE": str(folder)},
+            env={**os.environ, **environment},
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -18,6 +18,7 @@ from typing import IO, Any, Final, cast
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.options import xla_flags
+from iphyre_jax.execution.forks import import_path
 
 WORKER: Final = "iphyre_jax.execution.compilation.worker"
 PATIENCE: Final = 1.5  # s of waiting before progress is shown
@@ -54,11 +55,11 @@ class CompilerProcess:
         self.options, self.is_new = dict(options), True
         kept = {name: value for name, value in os.environ.items() if not name.startswith(_OURS)}
         quiet = {"TF_CPP_MIN_LOG_LEVEL": "3", "JAX_PLATFORMS": "cpu", "XLA_FLAGS": xla_flags(options)}
-        path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
+        quiet["PYTHONPATH"] = import_path()
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
                 [sys.executable, "-P", "-m", WORKER],
-                env={**kept, **quiet, "PYTHONPATH": path},
+                env={**kept, **quiet},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

@@ -10,11 +10,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import IO, Any, Final, cast
 
 import numpy as np
 
+from iphyre_jax.execution.forks import import_path
 from iphyre_jax.viewer.play.worker import ARRAYS
 
 WORKER: Final = "iphyre_jax.viewer.play.worker"
@@ -37,8 +37,7 @@ class PlayProcess:
     """
 
     def __init__(self, settings: Mapping[str, object], environment: Mapping[str, str]) -> None:
-        path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
-        own = {"JAX_PLATFORMS": "cpu", "TF_CPP_MIN_LOG_LEVEL": "3", "PYTHONPATH": path}
+        own = {"JAX_PLATFORMS": "cpu", "TF_CPP_MIN_LOG_LEVEL": "3", "PYTHONPATH": import_path()}
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
                 [sys.executable, "-P", "-m", WORKER, json.dumps(settings)],
