@@ -32,6 +32,7 @@ from iphyre_jax.train.settings.presets import AGENTS, PresetName
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import logs, runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
+from iphyre_jax.train.trainer import RunState
 
 SEEDS: Final = 5
 OFFICIAL: Final = (
@@ -81,6 +82,29 @@ class Arguments:
         return "results" if self.preset == "default" else f"results-{self.preset}"
 
 
+def finished_run(folder: Path, config: TrainConfig, console: Console) -> RunState:
+    """Train a run, or what is left of it; its last state.
+
+    Raises:
+        ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
+        KeyboardInterrupt: it was interrupted; what was made is saved.
+    """
+    if (folder / runs.CONFIG).is_file():
+        check_settings(folder, runs.read_config(folder), config)
+        result = loop.resume(folder, console)
+    else:
+        result = loop.train(config, folder, console)
+    if not result.finished:
+        raise KeyboardInterrupt
+    return result.state
+
+
+def check_settings(folder: Path, found: TrainConfig, wanted: TrainConfig) -> None:
+    """Refuse a run with other settings than a row's; the sum of a pool is written down when the run starts."""
+    if replace(found, pool_sha256="") != wanted:
+        raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
+
+
 def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
     """Train and evaluate one seed of a row, or what is left of it; returns whether anything was left.
 
@@ -89,15 +113,8 @@ def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
     """
     if (folder / runs.EVALUATION).is_file():
         return False
-    if (folder / runs.CONFIG).is_file():
-        if runs.read_config(folder) != config:
-            raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
-        result = loop.resume(folder, console)
-    else:
-        result = loop.train(config, folder, console)
-    if not result.finished:
-        raise KeyboardInterrupt
-    runs.write_evaluation(folder, config, evaluate(config, result.state.learner, PLAYED), int(result.state.update))
+    state = finished_run(folder, config, console)
+    runs.write_evaluation(folder, config, evaluate(config, state.learner, PLAYED), int(state.update))
     return True
 
 

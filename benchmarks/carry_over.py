@@ -23,8 +23,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 
+from benchmarks.agents import check_settings, finished_run
 from benchmarks.carry_over_document import document
-from benchmarks.on_the_fly import counted
+from benchmarks.on_the_fly import counted, preferring
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.rows import Row, kept_row, read_rows
 from iphyre_jax.attempts.agents import draw_randomly
@@ -36,10 +37,9 @@ from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
-from iphyre_jax.train import loop
-from iphyre_jax.train.algos.base import State, without_value
+from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import rollout_collector
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
@@ -93,18 +93,12 @@ def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainC
     Raises:
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
-    if not (folder / runs.CONFIG).is_file():
-        result = loop.train(config, folder, console)
-    elif replace(runs.read_config(folder), pool_sha256="") != config:
-        raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
-    elif not is_trained(folder, config):
-        result = loop.resume(folder, console)
-    else:
-        written, state = runs.load(folder)
-        return written, state.learner
-    if not result.finished:
-        raise KeyboardInterrupt
-    return runs.read_config(folder), result.state.learner
+    if not is_trained(folder, config):
+        state = finished_run(folder, config, console)
+        return runs.read_config(folder), state.learner
+    written, state = runs.load(folder)
+    check_settings(folder, written, config)
+    return written, state.learner
 
 
 def is_trained(folder: Path, config: TrainConfig) -> bool:
@@ -114,13 +108,7 @@ def is_trained(folder: Path, config: TrainConfig) -> bool:
 
 def greedy_scores(config: TrainConfig, state: State, scenes: Sequence[str | Scene]) -> dict[str, list[float]]:
     """Reward and success of each scene's greedy episode, in order."""
-    greedy = algorithm(config).greedy_policy(state)
-
-    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-        del key, num_samples
-        action = greedy(obs)
-        return without_value(action, action)
-
+    policy = preferring(algorithm(config).greedy_policy(state))
     stats = rollout_collector(config, scenes).collect(policy, jax.random.key(0), 1)[1]
     return {"reward": stats.reward.tolist(), "success": stats.success.astype(float).tolist()}
 

@@ -86,11 +86,11 @@ def _means(policy: Pretrained, scenes: Sequence[str | Scene]) -> tuple[float, fl
     def mean(chosen: PolicyFn, episodes: int) -> float:
         return float(np.mean(rollout.collect(chosen, jax.random.key(0), episodes)[1].reward))
 
-    mode, median = _preferring(policy.greedy), _preferring(agent.greedy_policy(policy.state))
+    mode, median = preferring(policy.greedy), preferring(agent.greedy_policy(policy.state))
     return mean(mode, 1), mean(median, 1), mean(sampled, SAMPLES)
 
 
-def _preferring(greedy: Callable[[jax.Array], jax.Array]) -> PolicyFn:
+def preferring(greedy: Callable[[jax.Array], jax.Array]) -> PolicyFn:
     """A policy of preferred actions, one for each observation."""
 
     def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
