@@ -10,8 +10,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.cli.console import option, say
-from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.cli.signals import resumable
 from iphyre_jax.models.outcome import compare, storage
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, play_sets
 from iphyre_jax.models.outcome.report import TITLES, cell
@@ -67,13 +66,7 @@ def run(command: ClassifierCommand, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
-    with interrupting() as signals:
-        try:
-            _run(command.action, console)
-        except KeyboardInterrupt:
-            say(console, "Interrupted; the same command goes on from the last checkpoint.")
-            return exit_code(signals[0]) if signals else INTERRUPTED
-    return 0
+    return resumable(lambda: _run(command.action, console), console)
 
 
 def _run(action: Train | Evaluate | Compare, console: Console) -> None:

@@ -15,8 +15,7 @@ from rich.console import Console
 
 from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, say
-from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.collection import MAX_DRAWS, PlanPolicy
 from iphyre_jax.data.dataset import check_path
@@ -92,14 +91,7 @@ def run(command: Collect, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
-    with interrupting() as signals:
-        try:
-            with console.status("starting") as status:
-                return _run(command, console, lambda text: status.update(text))
-        except KeyboardInterrupt:
-            if not signals:
-                raise
-    return exit_code(signals[0]) if signals else INTERRUPTED
+    return with_status(lambda report: _run(command, console, report), console)
 
 
 def _run(command: Collect, console: Console, report: Callable[[str], None]) -> int:

@@ -11,8 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from iphyre_jax.cli.console import option, say
-from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.files import check_writable
@@ -47,14 +46,7 @@ def run(command: Generate, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
-    with interrupting() as signals:
-        try:
-            with console.status("starting") as status:
-                return _run(command, console, lambda text: status.update(text))
-        except KeyboardInterrupt:
-            if not signals:
-                raise
-    return exit_code(signals[0]) if signals else INTERRUPTED
+    return with_status(lambda report: _run(command, console, report), console)
 
 
 def _run(command: Generate, console: Console, report: Callable[[str], None]) -> int:

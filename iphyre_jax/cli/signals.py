@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+from rich.console import Console
+
+from iphyre_jax.cli.console import say
+from iphyre_jax.cli.main import INTERRUPTED
 
 
 @contextmanager
@@ -39,3 +44,26 @@ def interrupting() -> Iterator[list[int]]:
 def exit_code(number: int) -> int:
     """The exit code of a process that ended because of a signal, as shells count it: 143 for SIGTERM."""
     return 128 + number
+
+
+def resumable(work: Callable[[], None], console: Console) -> int:
+    """Do what the same command can continue, and return the exit code; if it is interrupted, say so."""
+    with interrupting() as signals:
+        try:
+            work()
+        except KeyboardInterrupt:
+            say(console, "Interrupted; the same command goes on from the last checkpoint.")
+            return exit_code(signals[0]) if signals else INTERRUPTED
+    return 0
+
+
+def with_status(work: Callable[[Callable[[str], None]], int], console: Console) -> int:
+    """Do what reports its progress, a line of text at a time, and return its exit code, or that of a signal."""
+    with interrupting() as signals:
+        try:
+            with console.status("starting") as status:
+                return work(lambda text: status.update(text))
+        except KeyboardInterrupt:
+            if not signals:
+                raise
+    return exit_code(signals[0]) if signals else INTERRUPTED

@@ -14,8 +14,7 @@ from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option, say
-from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.cli.signals import resumable
 from iphyre_jax.models.world import compare, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.metrics import HORIZONS
@@ -88,13 +87,7 @@ def run(command: WorldCommand, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
-    with interrupting() as signals:
-        try:
-            _run(command.action, console)
-        except KeyboardInterrupt:
-            say(console, "Interrupted; the same command goes on from the last checkpoint.")
-            return exit_code(signals[0]) if signals else INTERRUPTED
-    return 0
+    return resumable(lambda: _run(command.action, console), console)
 
 
 def _run(action: Train | Evaluate | PlanInModel, console: Console) -> None:
