@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import shutil
 import subprocess
@@ -49,6 +50,11 @@ def provenance(packages: Sequence[str] = PACKAGES) -> dict[str, Any]:
         "machine": f"{platform.system()} {platform.machine()}, {usable_cores()} cores",
         "commit": source_commit(),
     }
+
+
+def provenance_facts() -> dict[str, str | None]:
+    """`provenance` for the lines of a document: what has parts is JSON."""
+    return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
 
 
 def source_commit() -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from iphyre_jax.models.outcome.plays.sets import (
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
 from iphyre_jax.models.outcome.training import OutcomeState
 from iphyre_jax.models.storage import EVALUATION
-from iphyre_jax.provenance import provenance
+from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
 
 ROWS: Final = {
@@ -140,8 +139,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
     sets = play_sets(where.root / "data", console)
     found: dict[str, dict[str, Any]] = baseline_rows(sets)
-    facts = {"dependence of the inputs on the outcome": _dependence(sets.official)}
-    facts |= {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+    facts = {"dependence of the inputs on the outcome": _dependence(sets.official), **provenance_facts()}
     agents: dict[str, Mapping[str, Any]] = {"random plans": play_agent(where, "random", draw_randomly, console)}
     for name, config in ROWS.items():
         if name in wanted:

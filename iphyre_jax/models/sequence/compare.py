@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from iphyre_jax.files import read_versioned, replace_json
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
 from iphyre_jax.models.storage import EVALUATION
-from iphyre_jax.provenance import provenance
+from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
 
 BOUNDS: Final = "iphyre_jax/sequence-bounds"
@@ -110,7 +109,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     """
     wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
     found: dict[str, dict[str, Any]] = {}
-    facts = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+    facts = provenance_facts()
     below: dict[int, dict[str, Any]] = {}
     for name, config in ROWS.items():
         folder = where.root / name

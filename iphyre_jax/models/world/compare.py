@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,7 @@ from iphyre_jax.models.world.metrics import COLUMNS, measured
 from iphyre_jax.models.world.planning import PLANNED, model_planner, planned, planning_bounds, read_bounds
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
-from iphyre_jax.provenance import provenance
+from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.scenes import SPLITS
 
 SEEDS: Final = (0, 1, 2)
@@ -143,5 +142,5 @@ def write_report(root: Path, out: Path) -> None:
             found[name] = [storage.RUNS.read_evaluation(folder) for folder in runs]
     if not found:
         raise FileNotFoundError(f"{root}: expected evaluated runs, found none")
-    facts = {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+    facts = provenance_facts()
     report.write(out, found, read_bounds(root), missing(found), facts)
