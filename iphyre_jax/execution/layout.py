@@ -109,10 +109,10 @@ class Layout:
     def pack_many(self, trees: Sequence[object]) -> Words:
         """Return the table of several trees without lanes, one a column, (rows, trees); NumPy."""
         table = np.zeros((self.rows, len(trees)), self.word)
-        for k, tree in enumerate(trees):
-            for leaf, start, dtype in zip(self.structure.flatten_up_to(tree), self.starts, self.dtypes, strict=True):
-                flat = np.ascontiguousarray(leaf).reshape(-1)
-                table[start : start + len(flat), k] = flat.view(self.word) if dtype == self.dtype else flat
+        columns = zip(*map(self.structure.flatten_up_to, trees), strict=True)
+        for leaves, start, shape, dtype in zip(columns, self.starts, self.shapes, self.dtypes, strict=bool(trees)):
+            flat = np.array(leaves).reshape(len(trees), math.prod(shape))
+            table[start : start + flat.shape[1]] = (flat.view(self.word) if dtype == self.dtype else flat).T
         return table
 
     def unpack_numpy(self, table: Words) -> Any:  # noqa: ANN401 - a tree of the layout's structure

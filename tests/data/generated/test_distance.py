@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iphyre_jax.data.generated import drawing, generate
+from iphyre_jax.data.generated import chunks, drawing
 from iphyre_jax.data.generated.canvas import Canvas
 from iphyre_jax.data.generated.distance import NEAREST, TEST_SPLITS, distances_to_test_games
 from iphyre_jax.data.generated.filtering import KEPT, NEAR
@@ -81,9 +81,9 @@ def slow_distance(scene: Scene, game: Scene) -> float:
 
 
 def test_no_scene_that_is_played_is_near_a_test_game(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (drawing, generate):
+    for module in (drawing, chunks):
         monkeypatch.setattr(module, "CHUNK", 512)
-    drawn = generate._draw(5, 0, PROTOCOLS["official"])
+    drawn = chunks._draw(5, 0, PROTOCOLS["official"])
     played = np.flatnonzero(drawn.reason == KEPT)
     assert len(drawn.scenes) == len(played) > 300
     games = [load_scene(name) for name in HELD_BACK]

@@ -1,5 +1,6 @@
 """Generated scenes: what is kept holds what it promises, a run goes on where it stopped, files come back."""
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,16 +10,19 @@ import pytest
 from iphyre_jax.cli.main import run
 from iphyre_jax.data.generated import (
     GeneratedScenes,
+    chunks,
     drawing,
     filtering,
     generate,
     generate_scenes,
     load_generated,
     save_generated,
+    workers,
 )
 from iphyre_jax.data.generated.distance import NEAREST
 from iphyre_jax.data.generated.filtering import IDLE, KEPT, REASONS, UNSOLVED, grade_scenes, plan_stream
 from iphyre_jax.envs.protocols import PROTOCOLS, EpisodeProtocol
+from iphyre_jax.execution import configuration
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene, SceneBuilder, load_scene
 from iphyre_jax.scenes.compile import compile_scene
@@ -33,9 +37,19 @@ def one_topology() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "MOVERS", ((("ball",), 1),))
         patch.setattr(drawing, "COMPOSED", 1.0)
-        for module in (drawing, generate):
+        for module in (drawing, chunks, generate):
             patch.setattr(module, "CHUNK", 128)
+        patch.setattr(configuration, "threads", lambda: 1)  # other processes know nothing of this
         yield
+
+
+PROCESS = """
+from iphyre_jax.data.generated import __main__, chunks, drawing
+drawing.MOVERS, drawing.COMPOSED = ((("ball",), 1),), 1.0
+drawing.CHUNK = chunks.CHUNK = 128
+__main__.main()
+"""
+SHORT_ANSWER = "import sys; input(); sys.stdout.buffer.write((100).to_bytes(8, 'big') + b'short')"
 
 
 @pytest.fixture(scope="module")
@@ -76,16 +90,40 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
     with pytest.raises(KeyboardInterrupt, match=r"^\d+ of 20 kept, 128 drawn, \d+ kept a second$"):
         generate_scenes(20, 7, journal=tmp_path / "parts", report=stop)
     drawn: list[int] = []
-    original = generate._draw
+    original = workers.make_chunk
 
-    def noted(seed: int, chunk: int, protocol: EpisodeProtocol) -> object:
+    def noted(seed: int, chunk: int, protocol: EpisodeProtocol) -> chunks.Arrays:
         drawn.append(chunk)
         return original(seed, chunk, protocol)
 
-    monkeypatch.setattr(generate, "_draw", noted)
+    monkeypatch.setattr(workers, "make_chunk", noted)
     assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
     assert 0 not in drawn
     assert not (tmp_path / "parts").exists()
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_scenes(small: GeneratedScenes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that ends in the midst of an answer is replaced by this process."""
+    monkeypatch.setattr(configuration, "threads", lambda: 2)
+    here: list[int] = []
+    original = workers.make_chunk
+    monkeypatch.setattr(workers, "make_chunk", lambda *chunk: (here.append(chunk[1]), original(*chunk))[1])
+    for program in (PROCESS, SHORT_ANSWER):
+        monkeypatch.setattr(workers, "COMMAND", (sys.executable, "-P", "-c", program))
+        assert generate_scenes(25, 7).scenes[:20] == small.scenes
+    assert here[:2] == [0, 0]
+    assert {1, 2} <= set(here[2:])
+
+
+@pytest.mark.parametrize("program", ["", "print('something else')", SHORT_ANSWER])
+def test_an_answer_that_is_none_is_an_error(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "COMMAND", (sys.executable, "-P", "-c", program))
+    process = workers.ChunkProcess(7, "official")
+    with pytest.raises((EOFError, BrokenPipeError)):
+        process.chunk(1)
+    process.end()
+    process.end()
 
 
 def shelf(*bars: tuple[float, float]) -> Scene:

@@ -1,0 +1,73 @@
+"""A chunk of scenes: draw them, refuse, play, keep. A function of the seed and the chunk's number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from iphyre_jax.data.generated.canvas import Canvas, Ints
+from iphyre_jax.data.generated.distance import NEAREST, distances_to_test_games
+from iphyre_jax.data.generated.drawing import CHUNK, STREAM, draw_chunk
+from iphyre_jax.data.generated.filtering import DTYPE, KEPT, NEAR, NO_ROOM, Compiled, grade_scenes
+from iphyre_jax.data.generated.pool import scene_columns, scene_name
+from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes.compile import compile_scene
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+
+class _Drawn(NamedTuple):
+    """A chunk before it is played."""
+
+    canvas: Canvas
+    basic: Ints  # (CHUNK,) the basic game that a scene began with, -1 for none
+    distance: npt.NDArray[np.float64]  # (CHUNK,) px to the nearest test game
+    reason: npt.NDArray[np.int8]  # (CHUNK,) why it is not played; KEPT if it is
+    scenes: list[Scene]  # those to play
+    worlds: list[Compiled]
+
+
+def make_chunk(seed: int, chunk: int, protocol: EpisodeProtocol) -> Arrays:
+    """Return the kept scenes of a chunk as arrays, and the reasons of all.
+
+    Args:
+        seed: of the scenes.
+        chunk: its number; it holds the scenes from chunk x CHUNK.
+        protocol: rate and reset at which plans are played.
+    """
+    return _play(_draw(seed, chunk, protocol), seed, chunk, protocol)
+
+
+def _draw(seed: int, chunk: int, protocol: EpisodeProtocol) -> _Drawn:
+    """Draw a chunk and compile the scenes that are to be played."""
+    canvas, whole, basic = draw_chunk(seed, chunk)
+    reason, distance = np.full(CHUNK, NO_ROOM, np.int8), np.full(CHUNK, np.inf)
+    distance[whole] = distances_to_test_games(canvas.take(whole))
+    reason[whole] = np.where(distance[whole] < NEAREST, NEAR, KEPT)
+    rows = np.flatnonzero(reason == KEPT).tolist()
+    scenes = [canvas.scene(row, scene_name(seed, chunk * CHUNK + row)) for row in rows]
+    worlds = [compile_scene(scene, resets=protocol.resets, dtype=DTYPE) for scene in scenes]
+    return _Drawn(canvas, basic, distance, reason, scenes, worlds)
+
+
+def _play(drawn: _Drawn, seed: int, chunk: int, protocol: EpisodeProtocol) -> Arrays:
+    """Return the kept scenes of a chunk as arrays, and the reasons of all."""
+    lots = np.random.default_rng([seed, STREAM + 1, chunk]).random(CHUNK)
+    rows, reason = np.flatnonzero(drawn.reason == KEPT), drawn.reason.copy()
+    grades = grade_scenes(drawn.scenes, drawn.worlds, protocol, lots[rows])
+    reason[rows] = grades.reason
+    taken = grades.reason == KEPT
+    kept = rows[taken]
+    return {
+        "number": chunk * CHUNK + kept,
+        "basic": drawn.basic[kept].astype(np.int8),
+        "distance": drawn.distance[kept],
+        "plans": grades.plans[taken],
+        "solved": grades.solved[taken],
+        **scene_columns(drawn.canvas.take(kept)),
+        "reason": reason,
+    }

@@ -1,0 +1,146 @@
+"""Chunks of scenes on all cores, in processes of their own.
+
+Drawing and packing scenes is Python, which one process runs on one core only.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, suppress
+from functools import partial
+from itertools import count
+from queue import SimpleQueue
+from threading import Event
+from typing import IO, Final, cast
+
+import numpy as np
+
+from iphyre_jax.data.generated.chunks import Arrays, make_chunk
+from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.execution import configuration
+from iphyre_jax.execution.forks import import_path
+
+COMMAND: Final = (sys.executable, "-P", "-m", "iphyre_jax.data.generated")
+LENGTH: Final = 8  # bytes
+MAX_BYTES: Final = 2**28  # of a chunk, hundreds of times what one takes
+
+Keep = Callable[[int, Callable[[], Arrays]], Arrays]
+"""Of a chunk's number and of what works it out: the chunk, perhaps as it was kept."""
+
+
+def all_chunks(seed: int, protocol: EpisodeProtocol, keep: Keep) -> Generator[Arrays]:
+    """Yield chunks 0, 1, ... without end, each as `keep` returns it.
+
+    The first is worked out here, with all threads, for it often suffices. The others come from processes, one for each
+    thread that may play.
+    """
+    yield keep(0, partial(make_chunk, seed, 0, protocol))
+    threads = configuration.threads()
+    if threads == 1:
+        for number in count(1):
+            yield keep(number, partial(make_chunk, seed, number, protocol))
+    with closing(ChunkProcesses(seed, protocol, threads)) as processes, ThreadPoolExecutor(threads) as helpers:
+        ahead: deque[Future[Arrays]] = deque()
+        try:
+            for number in count(1):
+                ahead.append(helpers.submit(keep, number, partial(processes.chunk, number)))
+                if len(ahead) > threads:
+                    yield ahead.popleft().result()
+        finally:
+            processes.close()
+            for waiting in ahead:
+                waiting.cancel()
+
+
+class ChunkProcesses:
+    """Processes that work out chunks; each starts when it is first needed.
+
+    Args:
+        seed: of the scenes.
+        protocol: rate and reset at which plans are played.
+        count: the number of processes; so many threads may ask at once.
+    """
+
+    def __init__(self, seed: int, protocol: EpisodeProtocol, count: int) -> None:
+        self._seed, self._protocol, self._closed = seed, protocol, Event()
+        self._all = [ChunkProcess(seed, protocol.name) for _ in range(count)]
+        self._idle: SimpleQueue[ChunkProcess] = SimpleQueue()
+        for process in self._all:
+            self._idle.put(process)
+
+    def chunk(self, number: int) -> Arrays:
+        """Work out a chunk; where no process can be started, or one has ended, this process does it.
+
+        Raises:
+            EOFError: the processes were closed.
+        """
+        process = self._idle.get()
+        try:
+            return process.chunk(number)
+        except (OSError, EOFError):
+            if self._closed.is_set():
+                raise
+            return make_chunk(self._seed, number, self._protocol)  # and says what is wrong
+        finally:
+            self._idle.put(process)
+
+    def close(self) -> None:
+        """End all processes, whatever they do."""
+        self._closed.set()
+        for process in self._all:
+            process.end()
+
+
+class ChunkProcess:
+    """A process that works out one chunk after another."""
+
+    def __init__(self, seed: int, protocol: str) -> None:
+        self._arguments = (str(seed), protocol)
+        self._running: subprocess.Popen[bytes] | None = None
+
+    def chunk(self, number: int) -> Arrays:
+        """Work out a chunk.
+
+        Raises:
+            OSError: the process cannot be started, or does not read.
+            EOFError: it has ended.
+        """
+        if self._running is None:
+            self._running = self._start()
+        questions, answers = cast(IO[bytes], self._running.stdin), cast(IO[bytes], self._running.stdout)
+        questions.write(b"%d\n" % number)
+        questions.flush()
+        length = int.from_bytes(answers.read(LENGTH), "big")
+        content = answers.read(length if length < MAX_BYTES else 0)
+        if not length or len(content) < length:
+            raise EOFError("a process that generates scenes has ended")
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return dict(arrays)
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        folder = configuration.cache_folder()
+        own = {"PYTHONPATH": import_path(), "JAX_PLATFORMS": "cpu", "IPHYRE_JAX_CACHE": str(folder or "off")}
+        return subprocess.Popen(  # noqa: S603 - our own interpreter and module
+            [*COMMAND, *self._arguments],
+            env={**os.environ, **own},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C reaches only us, and we end it
+        )
+
+    def end(self) -> None:
+        """End the process."""
+        if self._running is None:
+            return
+        self._running.kill()
+        self._running.wait()
+        for pipe in (self._running.stdin, self._running.stdout):
+            if pipe is not None:
+                with suppress(OSError):  # what was not yet written can be no more
+                    pipe.close()
