@@ -60,6 +60,7 @@ def test_a_limit_of_the_process_counts() -> None:
     assert 0 < int(done.stdout) < 3 * 10**9
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of address space is Linux's")
 def test_too_little_room_for_jax_to_start_gets_one_line() -> None:
     """Without the check the libraries of JAX abort, with a trace of machine code and no exception."""

@@ -33,6 +33,7 @@ def _random_actions(rng: np.random.Generator, strategy: str, count: int) -> np.n
     return rng.integers(0, 3, count) if strategy == "on-the-fly" else rng.uniform(0, 1, (count, 6)).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strategy", "games"),
     [(strategy, games) for strategy in STRATEGIES for games in GAMES] if ALL else [("on-the-fly", "support-v1")],

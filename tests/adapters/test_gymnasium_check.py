@@ -23,6 +23,7 @@ def test_every_id_is_registered() -> None:
     assert set(SAMPLE) <= ids
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", register_gymnasium() if ALL else SAMPLE)
 def test_gymnasium_finds_nothing_wrong(name: str) -> None:
     register_gymnasium()

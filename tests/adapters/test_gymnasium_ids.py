@@ -21,6 +21,7 @@ print(env.reset(seed=0)[0].shape, env.spec.id)
 """
 
 
+@pytest.mark.slow
 def test_an_id_is_known_to_a_process_that_imports_nothing_of_ours() -> None:
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -30,6 +30,7 @@ def _same(ours: tuple[Any, ...], theirs: tuple[Any, ...]) -> None:
         np.testing.assert_array_equal(ours[-1][name], theirs[-1][name], err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_autoreset_is_that_of_gymnasium(mode: AutoresetMode) -> None:
     ours = GymnasiumVectorEnv(ID, 3, autoreset_mode=mode)
@@ -46,6 +47,7 @@ def test_autoreset_is_that_of_gymnasium(mode: AutoresetMode) -> None:
     assert games == {0, 1}
 
 
+@pytest.mark.slow
 def test_without_autoreset_the_user_begins_episodes() -> None:
     ours = GymnasiumVectorEnv("on-the-fly/support-v1", 3, autoreset_mode="Disabled")
     theirs = SyncVectorEnv([lambda: GymnasiumEnv("on-the-fly/support-v1")] * 3, autoreset_mode=AutoresetMode.DISABLED)
@@ -98,6 +100,7 @@ def test_an_unknown_mode_gets_one_line() -> None:
         GymnasiumVectorEnv(ID, 2, autoreset_mode="later")
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_single_environments() -> None:
     envs = GymnasiumVectorEnv(ID, 2, render_mode="rgb_array")
     assert envs.render() is None
@@ -111,6 +114,7 @@ def test_pictures_are_those_of_single_environments() -> None:
         np.testing.assert_array_equal(one, single.render())
 
 
+@pytest.mark.slow
 def test_wrappers_of_gymnasium_that_know_one_mode_only() -> None:
     envs = GymnasiumVectorEnv(ID, 4, autoreset_mode="NextStep")
     wrapped = gymnasium.wrappers.vector.RecordEpisodeStatistics(
@@ -124,6 +128,7 @@ def test_wrappers_of_gymnasium_that_know_one_mode_only() -> None:
     assert lengths == [1] * 12  # every other call begins an episode
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vector", [False, True])
 @pytest.mark.parametrize("duplicate", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy])  # noqa: S301
 def test_copies_go_on_as_the_original(vector: bool, duplicate: Any) -> None:

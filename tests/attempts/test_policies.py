@@ -6,6 +6,7 @@ from iphyre_jax.train.storage.pretrained import load_pretrained
 GAMES = ["support", "noisy_support"]
 
 
+@pytest.mark.slow
 def test_greedy_first_then_sampled_and_the_same_again() -> None:
     policy = load_pretrained("ppo-i-smooth")
     found, again = (

@@ -19,6 +19,7 @@ def test_plans_differ_in_a_block_or_clearly_in_time() -> None:
     assert differs(np.array([[10.9, NEVER], [11.5, NEVER]]), np.array([10.0, NEVER])).tolist() == [False, True]
 
 
+@pytest.mark.slow
 def test_the_greedy_plan_first_then_others_that_differ() -> None:
     policy = load_pretrained("ppo-i")
     agent = PolicyTries(policy.config, policy.state)

@@ -127,6 +127,7 @@ def test_improving_agent_draws_randomly_until_something_tells_its_attempts_apart
     assert 0.03 < (near == solved.times).all(axis=1).mean() < 0.15  # half x (half x 0.8) twice
 
 
+@pytest.mark.slow
 def test_improving_agent_keeps_near_its_best_attempt() -> None:
     found = attempts(improve_best, 6, games=[GAME], runs=3, feedback="trajectory")
     blind = attempts(draw_randomly, 6, games=[GAME], runs=3)

@@ -46,6 +46,7 @@ def test_stepping_alone_plays_the_same_episodes() -> None:
     assert first == results(BarePymunk("episodes"), job)
 
 
+@pytest.mark.slow
 def test_pools_play_in_turns() -> None:
     """Two processes against one; rows come back in their places."""
     workload = make_workload(("hole", "support"), 4, 10, seed=1)
@@ -65,6 +66,7 @@ def test_pools_play_in_turns() -> None:
     assert ratio(measured[0], measured[0]) == 1.0
 
 
+@pytest.mark.slow
 def test_a_worker_that_cannot_start_is_reported_in_one_line() -> None:
     with (
         pytest.raises(RuntimeError, match=r"^wrong: a worker ended: ValueError: mode: expected [^\n]*$"),

@@ -80,6 +80,7 @@ def test_a_busy_machine_is_reported() -> None:
     assert "load 3.1" in report.load_warnings({"machine": {"load": 3.1}})[0]
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn(results: report.Results, tmp_path: Path) -> None:
     assert [file.name for file in command.save(results, tmp_path)] == [
         "benchmarks.json",

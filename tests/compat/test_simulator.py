@@ -87,6 +87,7 @@ def test_actions_are_the_official_ones() -> None:
     np.testing.assert_allclose(result, solved[6:], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_collected_files(tmp_path: Path) -> None:
     simulator = IPHYRE("support")
     positions = simulator.get_action_space()

@@ -41,6 +41,7 @@ def test_labels_are_those_of_the_stored_steps() -> None:
     assert len(small()) == 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["success", "end_step", "removals", "steps", "poses"])
 def test_a_wrong_label_is_found(name: str) -> None:
     whole = small()
@@ -59,6 +60,7 @@ class Killed(BaseException):
     """Stands for SIGKILL: nothing catches it."""
 
 
+@pytest.mark.slow
 def test_a_killed_collection_goes_on_to_the_same_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = {"successes": 12, "failures": 12, "seed": 4, "sequences": True}
     save_dataset(collect(["hole"], **options), tmp_path / "whole.npz")
@@ -92,6 +94,7 @@ def test_a_killed_collection_goes_on_to_the_same_bits(tmp_path: Path, monkeypatc
     assert not (tmp_path / "journal").exists()
 
 
+@pytest.mark.slow
 def test_mixed_has_neighbours_of_successes() -> None:
     mixed = collect(["hole"], successes=10, failures=10, distribution="mixed")
     assert (mixed.success.sum(), len(mixed)) == (10, 20)

@@ -20,6 +20,7 @@ def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Dataset]:
     return {name: named_set(name, **OPTIONS, folder=folder) for name in NAMED_SETS if name != "graded"}
 
 
+@pytest.mark.slow
 def test_labels_are_those_of_the_stored_steps(sets: dict[str, Dataset]) -> None:
     for name in ("test", "pairs", "variations"):
         assert verify(sets[name].select(np.arange(0, len(sets[name]), 7))) == []

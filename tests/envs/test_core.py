@@ -123,6 +123,7 @@ def test_motion_adds_velocities_and_time() -> None:
     np.testing.assert_array_equal(np.delete(obs[122:-1].reshape(12, 3), 2, axis=0), 0)
 
 
+@pytest.mark.slow
 def test_nested_maps_and_a_map_over_params() -> None:
     env, params = environment()
     flat = batched(env)(keys(0), actions(), params)
@@ -171,6 +172,7 @@ def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
     assert_equal(later[1], kept[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_an_unsound_world_stops_alone_and_is_clean_after_reset(bad: float) -> None:
     env, params = environment()

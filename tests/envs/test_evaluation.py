@@ -23,6 +23,7 @@ def random_times(key: jax.Array, obs: jax.Array) -> jax.Array:
     return jax.random.uniform(key, (6,))
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_episodes() -> None:
     key = jax.random.key(4)
     scores = evaluate(random_times, ["hole", "support"], strategy="in-advance", episodes=16, key=key)

@@ -87,6 +87,7 @@ def test_a_turned_bar_and_clipping() -> None:
     np.testing.assert_array_equal(ball[:4], [0, 1, 0, 1])
 
 
+@pytest.mark.slow
 def test_device_and_host_observe_alike() -> None:
     """Rows in JAX and in NumPy, of a whole scene and with each block gone."""
     scene = load_scene("multi_ball_spring")

@@ -66,6 +66,7 @@ def environment(strategy: str, game: str, **options: Any) -> Any:
     return make(f"{strategy}/{game}-v1", dtype="float64", autoreset=False, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("strategy", "game"), [("in-advance", "hole"), ("on-the-fly", "spring"), ("combined", "hole")])
 def test_strategies_play_as_their_drivers_do(strategy: str, game: str) -> None:
     episodes, actions = [], []

@@ -21,6 +21,7 @@ def example(name: str) -> dict[str, Any]:
     return runpy.run_path(str(EXAMPLES / f"{name}.py"))
 
 
+@pytest.mark.slow
 def test_the_loop_of_jax() -> None:
     _, params = make("on-the-fly/support-v1")
     with jax.numpy_rank_promotion("allow"):
@@ -31,6 +32,7 @@ def test_the_loop_of_jax() -> None:
     assert np.abs(weights["out"]).max() > 0
 
 
+@pytest.mark.slow
 def test_seeds_under_vmap_are_the_runs_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
     _, params = make("on-the-fly/support-v1")

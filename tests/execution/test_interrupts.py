@@ -48,10 +48,12 @@ def signalled(meanwhile: Callable[[], object]) -> bool:
     return raised.is_set()
 
 
+@pytest.mark.slow
 def test_a_main_thread_that_waits_interrupts_the_callbacks() -> None:
     assert signalled(lambda: time.sleep(1.0))
 
 
+@pytest.mark.slow
 def test_a_main_thread_that_goes_on_has_seen_it_itself() -> None:
     def works() -> None:
         end, places = time.monotonic() + 1.0, 0
@@ -61,6 +63,7 @@ def test_a_main_thread_that_goes_on_has_seen_it_itself() -> None:
     assert not signalled(works)
 
 
+@pytest.mark.slow
 def test_who_handles_interrupts_himself_is_left_alone() -> None:
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:

@@ -66,6 +66,7 @@ def test_an_interrupt_between_two_items_drops_what_has_not_begun(monkeypatch: py
     assert len(begun) < 50
 
 
+@pytest.mark.slow
 def test_an_interrupt_of_the_wait_is_raised_when_the_running_items_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """They may write into arrays of a program that ends with the call."""
     main, begun, ended = threading.current_thread(), [], []

@@ -50,6 +50,7 @@ print("compared")
 """
 
 
+@pytest.mark.slow
 def test_golden_files_need_no_pymunk() -> None:
     done = subprocess.run([sys.executable, "-c", NO_PYMUNK], capture_output=True, text=True, check=False)
     assert done.stdout == "compared\n", done.stderr

@@ -84,6 +84,7 @@ def test_a_world_is_the_same_bits_wherever_it_stands(game: str, dtype: str) -> N
         assert_same_bits(rows(simulate(game, plan[row : row + 1], **options), 0), rows(played, row))
 
 
+@pytest.mark.slow
 @both
 def test_worlds_without_lanes_in_few_lanes_and_in_many_agree(dtype: str) -> None:
     """Compiled apart, so within rounding. Eight seconds at 60 fps of bouncing."""
@@ -132,6 +133,7 @@ def test_unused_room_changes_nothing(game: str, dtype: str, monkeypatch: pytest.
             np.testing.assert_allclose(one, two, **exact)
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("fps", [10, 60])
 def test_eliminated_blocks_touch_nothing(dtype: str, fps: int) -> None:
@@ -173,6 +175,7 @@ def lanes_with(middle: Scene, dtype: str) -> tuple[Topology, World]:
     return built[0][0], lay([world for _, world in built])
 
 
+@pytest.mark.slow
 @both
 def test_a_world_with_too_many_contacts_stops_alone(dtype: str) -> None:
     """One slot, and a ball that comes to touch two bars."""

@@ -15,6 +15,7 @@ both = pytest.mark.parametrize("dtype", DTYPES)
 POST = [(290.0, 100.0, 310.0, 100.0)]  # its centre, (300, 100), holds the joint or spring
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("fps", [10, 60, 240])
 def test_a_pin_keeps_its_length_for_15_s(dtype: str, fps: int) -> None:
@@ -30,6 +31,7 @@ def test_a_pin_keeps_its_length_for_15_s(dtype: str, fps: int) -> None:
     assert poses[:, 1, 0].min() < 210  # it swung to the other side
 
 
+@pytest.mark.slow
 @both
 def test_a_small_pendulum_keeps_its_period(dtype: str) -> None:
     """T = 2 pi sqrt(L/g) (1 + a^2 / 16) of a point mass: the pin holds the centre and does not turn the ball."""
@@ -44,6 +46,7 @@ def test_a_small_pendulum_keeps_its_period(dtype: str) -> None:
     np.testing.assert_array_equal(poses[:, 1, 2], 0)
 
 
+@pytest.mark.slow
 @both
 def test_a_dumb_bell_turns_evenly_and_keeps_its_angular_momentum(dtype: str) -> None:
     """Two balls on a pin, thrown with a turn of 0.8 rad/s; forces along the line of centres have no moment."""
@@ -65,6 +68,7 @@ def test_a_dumb_bell_turns_evenly_and_keeps_its_angular_momentum(dtype: str) -> 
     np.testing.assert_allclose(bench.velocity.mean(axis=0), [5, GRAVITY * 2], rtol=1e-5)
 
 
+@pytest.mark.slow
 @both
 def test_a_spring_of_two_balls_is_a_damped_oscillator(dtype: str) -> None:
     """u'' = -2 u - 0.6 u' for two unit masses, stiffness 1 and damping 0.3; u is the extension beyond 20 px."""

@@ -37,6 +37,7 @@ def test_free_fall_follows_its_discrete_formula(dtype: str, fps: int) -> None:
     np.testing.assert_array_equal(poses[:, 0, 2], 0)
 
 
+@pytest.mark.slow
 @both
 def test_a_free_bar_turns_evenly_and_its_centre_falls_like_a_ball(dtype: str) -> None:
     bench = Bench(
@@ -56,6 +57,7 @@ def test_a_free_bar_turns_evenly_and_its_centre_falls_like_a_ball(dtype: str) ->
     np.testing.assert_allclose(bench.position, start + flown, **exact)
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("fps", [10, 60])
 def test_tied_and_colliding_bodies_fall_as_one(dtype: str, fps: int) -> None:
@@ -151,6 +153,7 @@ def test_first_bounce_by_hand(dtype: str, fps: int) -> None:
     np.testing.assert_allclose(ball[hit + 1, 2], 0, atol=1e-6)
 
 
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("fps", [10, 60])
 def test_at_rest_a_ball_and_a_bar_stay(dtype: str, fps: int) -> None:

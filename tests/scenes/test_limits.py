@@ -177,6 +177,7 @@ def test_agents_are_made_for_official_limits(path: Path) -> None:
         TrainConfig(games=(str(path),)).check()
 
 
+@pytest.mark.slow
 def test_a_large_scene_is_seen_and_drawn(path: Path) -> None:
     seen = start_observation(large())
     assert seen.shape == (16 * 9 + 9 * 2,)

@@ -49,6 +49,7 @@ def test_in_advance_is_one_decision(plans: np.ndarray, planned: np.ndarray) -> N
     assert bool(trajectory.done.all())
 
 
+@pytest.mark.slow
 def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray, planned: np.ndarray) -> None:
     """The strategy plans anew after each removal; planning the same again, it plays what the host plays.
 
@@ -68,6 +69,7 @@ def test_combined_with_a_plan_that_never_changes_is_in_advance(plans: np.ndarray
     assert (np.asarray(trajectory.done).sum(axis=0) == 1).all()
 
 
+@pytest.mark.slow
 def test_on_the_fly_removals_are_a_plan(plans: np.ndarray) -> None:
     """Each block is removed at its frame, the first one too; the host plays the same removals as a plan."""
     frames = plans - 1

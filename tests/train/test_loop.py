@@ -90,6 +90,7 @@ def ending(folder: Path) -> list[Any]:
     return [*(np.asarray(leaf).tobytes() for leaf in leaves), logs.read(folder)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_signal_ends_training_as_ctrl_c_does(
     number: int, code: int, counting: type[Counting], undisturbed: list[Any], tmp_path: Path
@@ -111,6 +112,7 @@ def test_a_signal_ends_training_as_ctrl_c_does(
     assert ending(folder) == undisturbed
 
 
+@pytest.mark.slow
 def test_signals_wait_while_a_checkpoint_is_saved(
     counting: type[Counting], undisturbed: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,6 +133,7 @@ def test_signals_wait_while_a_checkpoint_is_saved(
     assert ending(folder) == undisturbed
 
 
+@pytest.mark.slow
 def test_an_update_whose_line_is_not_written_is_made_again(
     counting: type[Counting], undisturbed: list[Any], tmp_path: Path
 ) -> None:
@@ -173,6 +176,7 @@ with locked(Path(sys.argv[1])):
 """
 
 
+@pytest.mark.slow
 def test_one_process_at_a_time_trains_in_a_folder(
     counting: type[Counting], undisturbed: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -200,6 +204,7 @@ def test_one_process_at_a_time_trains_in_a_folder(
 DISK = FailingDisk()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "code"), [(0.0, errno.EROFS), (0.08, errno.ENOSPC), (0.6, errno.ENOSPC)])
 def test_a_run_on_a_full_disk_ends_with_one_line_and_resumes(
     share: float,

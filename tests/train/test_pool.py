@@ -63,6 +63,7 @@ def tiny(file: Path) -> TrainConfig:
     )
 
 
+@pytest.mark.slow
 def test_a_run_with_a_pool_resumes_to_the_same_bits(
     tiny: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

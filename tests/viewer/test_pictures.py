@@ -26,6 +26,7 @@ def solved() -> Recording:
     return record(load_scene("hole"), [-1, -1, 83, 32])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("game", ["hole", "spring", "impulse_pendulum"])
 def test_the_official_theme_is_the_official_picture(game: str) -> None:
     """Compare with `iphyre_jax.observations.drawing`, as checked against the official class: edges may differ."""

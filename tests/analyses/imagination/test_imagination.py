@@ -40,6 +40,7 @@ def test_fewer_plans_are_the_first_of_more() -> None:
     assert choice.best_after(believed, real, plans=6)[0, 0] == 6
 
 
+@pytest.mark.slow
 def test_rows_are_what_the_simulator_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imagined, "PLANS", 12)
     how = Imagination(0.0, draws=2)
@@ -58,6 +59,7 @@ def test_rows_are_what_the_simulator_says(tmp_path: Path, monkeypatch: pytest.Mo
         imagined.imagined(tmp_path, "hole", Imagination(0.0, draws=1))
 
 
+@pytest.mark.slow
 def test_the_policy_proposes_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imagined, "PLANS", 10)
     mixed, plain = (imagined.proposed("support", 0, kind) for kind in ("policy", "random"))

@@ -80,6 +80,7 @@ def slow_distance(scene: Scene, game: Scene) -> float:
     return best
 
 
+@pytest.mark.slow
 def test_no_scene_that_is_played_is_near_a_test_game(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (drawing, chunks):
         monkeypatch.setattr(module, "CHUNK", 512)

@@ -64,6 +64,7 @@ def replayed(scenes: tuple[Scene, ...], steps: np.ndarray) -> np.ndarray:
     return simulate_many(scenes, which, plans, fps=10, resets=2).success.reshape(steps.shape[:2])
 
 
+@pytest.mark.slow
 def test_kept_scenes_are_what_is_promised(small: GeneratedScenes) -> None:
     scenes = small.scenes
     assert len(scenes) == len(small) == 20 == len(set(scenes))
@@ -79,10 +80,12 @@ def test_kept_scenes_are_what_is_promised(small: GeneratedScenes) -> None:
     assert sum(small.manifest["grades"].values()) == 20
 
 
+@pytest.mark.slow
 def test_fewer_scenes_are_the_first_of_more(small: GeneratedScenes) -> None:
     assert generate_scenes(12, 7).scenes == small.scenes[:12]
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(line: str) -> None:
         raise KeyboardInterrupt(line)
@@ -175,6 +178,7 @@ def test_files_come_back_and_changes_are_found(small: GeneratedScenes, tmp_path:
         load_generated(tmp_path / "some.npz")
 
 
+@pytest.mark.slow
 def test_the_command_makes_and_describes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     made = tmp_path / "some.npz"
     assert run(["generate", "--out", str(made), "--count", "15", "--seed", "7"]) == 0

@@ -75,6 +75,7 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
     assert told[0][1][4]["eliminations"].max() > 0
 
 
+@pytest.mark.slow
 def test_any_form_of_batch_gives_the_same(two: str) -> None:
     """One world, axes within axes, parameters of its own for each world, without jit."""
     env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False)

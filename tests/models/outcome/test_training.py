@@ -33,6 +33,7 @@ def accuracy(state: training.OutcomeState) -> float:
     return float(np.mean([metrics.scores(JUDGED.game, JUDGED.success, one).accuracy for one in chances]))
 
 
+@pytest.mark.slow
 def test_learns_what_the_plan_decides(trained: tuple[Path, training.OutcomeState]) -> None:
     assert accuracy(trained[1]) > 0.9
 
@@ -115,6 +116,7 @@ def test_drawn_plays_are_balanced() -> None:
     assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", storage.names())
 def test_what_ships_loads_and_judges(name: str) -> None:
     loaded = storage.load_classifier(name)

@@ -49,6 +49,7 @@ def forward(config: SequenceConfig, inputs: Sequences) -> Logits:
     return model.apply(noisy, inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", CONFIGS)
 def test_the_future_changes_nothing(form: str) -> None:
     config = CONFIGS[form]

@@ -37,12 +37,14 @@ def plans(state: training.SequenceState, asked: float) -> np.ndarray:
     return agent.Player(CONFIG, params, PLAYS.scenes, np.array([0, 1]), asked).plans()
 
 
+@pytest.mark.slow
 def test_the_return_decides(trained: tuple[Path, training.SequenceState]) -> None:
     good, bad = plans(trained[1], 0.975), plans(trained[1], -0.02)
     np.testing.assert_allclose(good[:, :3], [[0.5, 2.0, np.nan], [3.0, 1.2, np.nan]], atol=1e-9)
     np.testing.assert_allclose(bad[:, :3], [[np.nan, 1.0, np.nan], [np.nan] * 3], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -85,6 +87,7 @@ def test_blurred() -> None:
     np.testing.assert_array_equal(training.blurred(jnp.array([3]), 151, 0.0)[0], np.eye(151)[3])
 
 
+@pytest.mark.slow
 def test_long_sequences_are_cut() -> None:
     config = dataclasses.replace(settings("paper", "on-the-fly"), context=3, batch_size=64)
     data = episodes(made_up(10, poses=True), config)

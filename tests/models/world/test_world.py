@@ -34,6 +34,7 @@ PLAYS = falling(3)
 PARAMS = jax.jit(objects.init, static_argnums=0)(OBJECTS, jax.random.key(0))
 
 
+@pytest.mark.slow
 def test_rows_are_the_official_ones_and_give_the_state_back() -> None:
     scene = load_scene("pendulum")
     tables = scene_tables([scene])
@@ -54,6 +55,7 @@ def test_removals_fall_on_instants() -> None:
     assert plays.instants(np.array([0, 1, 2, 7, 13, 18, -1])).tolist() == [0, 0, 1, 1, 2, 3, plays.STAYS]
 
 
+@pytest.mark.slow
 def test_free_fall_is_exact_before_training() -> None:
     index = np.array([[0, 0], [1, 3], [2, 10]], np.int32)
     errors = horizon_errors(predictor(OBJECTS, 2), PARAMS, OBJECTS, falling(3, 80), index)
@@ -64,6 +66,7 @@ def test_free_fall_is_exact_before_training() -> None:
     assert horizon_errors(falls_until_contact, (), None, falling(3, 80), index)[3].max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_removed_block_is_gone_and_a_block_that_stays_is_felt() -> None:
     scene = taken(PLAYS.scenes, jnp.zeros(2, jnp.int32))
     state = state_of(jnp.asarray(PLAYS.state)[jnp.array([0, 0]), 0])
@@ -77,6 +80,7 @@ def test_a_removed_block_is_gone_and_a_block_that_stays_is_felt() -> None:
     assert float(jnp.abs(after[0, 2] - after[1, 2]).max()) > 1e-6
 
 
+@pytest.mark.slow
 def test_sigma_is_bounded_and_finite() -> None:
     scene = taken(PLAYS.scenes, jnp.zeros(3, jnp.int32))
     state = state_of(jnp.asarray(PLAYS.state)[:, 0])
@@ -88,6 +92,7 @@ def test_sigma_is_bounded_and_finite() -> None:
         assert low * 0.999 <= float(spread.min()) <= float(spread.max()) <= high * 1.001
 
 
+@pytest.mark.slow
 def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> None:
     whole = runs.train(tmp_path / "whole", MDRNN, QUIET, PLAYS)
 
@@ -108,6 +113,7 @@ def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> 
         runs.train(tmp_path / "cut", dataclasses.replace(MDRNN, seed=1), QUIET, PLAYS)
 
 
+@pytest.mark.slow
 def test_objects_learns_and_ships(tmp_path: Path) -> None:
     state = runs.train(tmp_path / "run", OBJECTS, QUIET, PLAYS)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
@@ -123,6 +129,7 @@ def test_objects_learns_and_ships(tmp_path: Path) -> None:
         storage.load_model("one", tmp_path)
 
 
+@pytest.mark.slow
 def test_imagination_keeps_the_rules() -> None:
     """With the bound that stops at the first contact: "support" is solved once both blocks are gone."""
     model = storage.WorldModel(OBJECTS, PARAMS, {})

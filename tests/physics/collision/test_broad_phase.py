@@ -122,6 +122,7 @@ def fly(name: str) -> Flight:
     return seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_a_body_is_inserted_anew_exactly_when_it_leaves_its_fat_box(name: str) -> None:
     seen = fly(name)

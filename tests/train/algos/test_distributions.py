@@ -109,6 +109,7 @@ def test_categorical_starts_at_its_prior() -> None:
     assert int(head.mode(head.distribution(outputs.at[5].set(50.0), TWO))) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLED)
 def test_samples_follow_the_distribution(name: HeadName) -> None:
     """The mean of -log p over samples is the entropy, and samples act in the box."""

@@ -178,6 +178,7 @@ def batch_for(config: TrainConfig, state: Any, advantage: list[float]) -> tuple[
     return obs, Batch(row, output.raw_action, output.log_prob, gain, gain, there)
 
 
+@pytest.mark.slow
 def test_ppo_loss_before_the_first_step() -> None:
     """All ratios are 1: minus the mean advantage of what was there, minus the weighted entropy; nothing is clipped."""
     config = planner("ppo time_grid")
@@ -203,6 +204,7 @@ def test_ppo_loss_of_another_policy_by_hand() -> None:
     np.testing.assert_allclose([metrics["kl"], metrics["clipped"]], [kl, 1.0], rtol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", ["mlp", "objects"])
 def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
     """Loss and gradient are those of the same observation given anew for each decision."""
@@ -228,6 +230,7 @@ def transition_of(config: TrainConfig, raw_action: jax.Array, discount: float) -
     return Transition(obs, raw_action, jnp.array([0.5]), jnp.array([discount]), obs, jnp.ones(1))
 
 
+@pytest.mark.slow
 def test_dqn_target_by_hand() -> None:
     """Chosen by the learned network, valued by the target's: 0.5 + 0.9 Q'(argmax Q)."""
     config = flyer("dqn")
@@ -241,6 +244,7 @@ def test_dqn_target_by_hand() -> None:
     assert float(agent.targets(learner, batch._replace(discount=jnp.zeros(1)))[0]) == 0.5
 
 
+@pytest.mark.slow
 def test_discrete_sac_target_by_hand() -> None:
     """0.5 + 0.9 sum_a pi(a) (min Q'(a) - alpha log pi(a)) over the three actions that support has."""
     config = flyer("sac")

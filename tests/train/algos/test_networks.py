@@ -55,6 +55,7 @@ def shuffled(obs: jax.Array) -> jax.Array:
     return jnp.concatenate([rows.reshape(len(obs), -1), taken.candidates.reshape(len(obs), -1)], axis=1)
 
 
+@pytest.mark.slow
 def test_objects_do_not_care_for_their_row() -> None:
     network = ObjectNetwork((16, 16), (6, 5), 1.0)
     params, apply = jax.jit(network.init)(jax.random.key(0), OBS), jax.jit(network.apply)
@@ -65,6 +66,7 @@ def test_objects_do_not_care_for_their_row() -> None:
     assert len(np.unique(np.asarray(one)[0][there[0]].round(4), axis=0)) == there[0].sum()  # each slot its own
 
 
+@pytest.mark.slow
 def test_the_first_policy_is_the_prior_for_every_scene() -> None:
     config = TrainConfig(hidden_sizes=(32,))
     for network in ("mlp", "objects"):

@@ -26,6 +26,7 @@ def saved(run: Path, update: int) -> Path:
     return checkpoint.save(run, CONFIG, state)
 
 
+@pytest.mark.slow
 def test_checkpoints_are_sorted_as_numbers(tmp_path: Path) -> None:
     """From update 1,000,000 on the names are longer; the newest two stay all the same."""
     for update in (999_998, 999_999, 1_000_000):
@@ -94,6 +95,7 @@ def test_a_state_of_another_update_is_refused(tmp_path: Path) -> None:
         checkpoint.load(tmp_path, CONFIG)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:coroutine .* was never awaited:RuntimeWarning")  # orbax's own, when it fails
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_save_that_fails_can_be_made_again(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ NONE: dict[str, Any] = {"splits": {}, "games": [], "faults": 0}
 LEARNING = [(agent, spec.strategies[0]) for agent, spec in AGENTS.items() if agent != "random"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("agent", "strategy"), LEARNING)
 def test_a_policy_without_its_learner_acts_the_same(agent: str, strategy: str, tmp_path: Path) -> None:
     config = dataclasses.replace(preset(agent, strategy), hidden_sizes=(16,))  # type: ignore[arg-type]
@@ -93,6 +94,7 @@ def test_archives_are_checked_before_they_are_read(tmp_path: Path) -> None:
         assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
     agents = {config.paper_name.lower() for config in rows().values() if config.agent != "random"}
     assert agents <= set(names()) <= set(rows())

@@ -61,6 +61,7 @@ def copy_of(finished: loop.TrainingResult, folder: Path) -> Path:
     return Path(shutil.copytree(finished.folder, folder))
 
 
+@pytest.mark.slow
 def test_a_run_leaves_its_folder(finished: loop.TrainingResult) -> None:
     assert finished.finished
     names = {entry.name for entry in finished.folder.iterdir()}
@@ -115,6 +116,7 @@ def test_evaluation_of_two_games(finished: loop.TrainingResult) -> None:
     assert [len(game["plan"]) for game in content["games"]] == [2, 4]
 
 
+@pytest.mark.slow
 def test_a_run_is_read_again(finished: loop.TrainingResult) -> None:
     config, state = runs.load(finished.folder)
     assert config == TINY
@@ -122,6 +124,7 @@ def test_a_run_is_read_again(finished: loop.TrainingResult) -> None:
     assert evaluate(config, state.learner, GAMES) == evaluate(TINY, finished.state.learner, GAMES)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_to_the_same_bits(
     finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +150,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     assert without_clock(folder) == without_clock(finished.folder)
 
 
+@pytest.mark.slow
 def test_a_run_without_a_checkpoint_begins_again(finished: loop.TrainingResult, tmp_path: Path) -> None:
     folder = copy_of(finished, tmp_path / "run")
     shutil.rmtree(folder / checkpoint.FOLDER)
@@ -229,6 +233,7 @@ def flip(file: Path) -> None:
     file.write_bytes(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", DAMAGE)
 def test_a_damaged_checkpoint_is_refused_and_the_last_good_one_offered(
     case: str, finished: loop.TrainingResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]

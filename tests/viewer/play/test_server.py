@@ -81,6 +81,7 @@ def test_the_page_and_its_files_are_served(server: PlayServer) -> None:
     assert b"<script>" not in ask(server, "", method="GET")[1]
 
 
+@pytest.mark.slow
 def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp_path: Path) -> None:
     status, game = ask(server, "api/game", {"scene": "hole"})
     assert status == 200
@@ -244,6 +245,7 @@ def test_what_is_no_http_is_refused_and_play_goes_on(server: PlayServer) -> None
     assert b" 200 " in say(server, (line + "\r\n").encode())
 
 
+@pytest.mark.slow
 def test_floods_and_dawdlers_do_not_hold_up_play(server: PlayServer) -> None:
     begin = time.monotonic()
     held = [socket.create_connection(("127.0.0.1", server.server_port)) for _ in range(3 * CONNECTIONS)]
@@ -291,6 +293,7 @@ def test_of_too_many_slow_clients_the_oldest_is_cut(server: PlayServer, monkeypa
             connection.close()
 
 
+@pytest.mark.slow
 def test_slow_headers_end_in_time(server: PlayServer) -> None:
     with socket.create_connection(("127.0.0.1", server.server_port), timeout=30) as connection:
         begin = time.monotonic()
@@ -309,6 +312,7 @@ def test_long_headers_are_refused(server: PlayServer) -> None:
     assert b" 431 " in say(server, line + b"y" * (reception.MAX_HEADERS - len(line) + 1))
 
 
+@pytest.mark.slow
 def test_an_idle_server_costs_nothing(server: PlayServer) -> None:
     ask(server, "api/start")
     begin, clock = time.process_time(), time.monotonic()

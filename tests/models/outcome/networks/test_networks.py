@@ -58,6 +58,7 @@ def test_a_time_between_two_removals_and_their_order() -> None:
     assert found[0, :, :, -1].tolist() == [[1, 1, 0], [1, 1, 0], [0, 0, 0]]
 
 
+@pytest.mark.slow
 def test_nearest_points_of_bars() -> None:
     rows = np.zeros((1, 2, 9), np.float32)
     rows[0, 0, :5] = [0.5, 0.5, 0.5, 0.5, 1 / 30]  # a ball of 20 px

@@ -13,6 +13,7 @@ def vector(x: float, y: float) -> jnp.ndarray:
     return jnp.array([x, y])
 
 
+@pytest.mark.slow
 def test_ball_over_a_bar_and_beyond_its_end() -> None:
     bar = vector(100, 200), vector(50, 0), jnp.array(10.0)
     found = contact(vector(120, 165), vector(0, 0), jnp.array(20.0), *bar)

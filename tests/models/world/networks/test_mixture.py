@@ -38,6 +38,7 @@ def test_numbers_that_do_not_count_are_left_out() -> None:
     assert float(log_likelihood(MIXTURE, X, ~(first | ~first))) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_constant_numbers_cannot_make_it_unbounded() -> None:
     sigma = bounded_sigma(jnp.array([-1e4, -50.0, 0.0, 50.0]))
     assert sigma.min() == pytest.approx(FLOOR)
