@@ -27,7 +27,6 @@ from benchmarks.agents import check_settings, finished_run
 from benchmarks.carry_over_document import document
 from benchmarks.on_the_fly import counted, preferring
 from iphyre_jax.analyses.oracle import RESETS
-from iphyre_jax.analyses.rows import Row, kept_row, read_rows
 from iphyre_jax.attempts.agents import draw_randomly
 from iphyre_jax.attempts.metrics import best_reward, solved_curve
 from iphyre_jax.attempts.policy_tries import PolicyTries
@@ -35,6 +34,7 @@ from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
+from iphyre_jax.kept_rows import Row, kept_row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.base import State

@@ -13,9 +13,9 @@ from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS, shipped
 from iphyre_jax.analyses.people import FPS as RATE_OF_PEOPLE
 from iphyre_jax.analyses.people import scores as scores_of_people
-from iphyre_jax.analyses.rows import Row
 from iphyre_jax.files import read_json_object
 from iphyre_jax.intervals import mean_interval
+from iphyre_jax.kept_rows import Row
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 from iphyre_jax.train.reports.statistics import summary

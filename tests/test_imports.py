@@ -31,6 +31,7 @@ PARTS = (
     "plans",
     "execution",
     "provenance",
+    "kept_rows",
     "simulation",
     "observations",
     "envs",

@@ -12,13 +12,13 @@ import numpy as np
 from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
-from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
 from iphyre_jax.attempts.planner import Planner
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
 from iphyre_jax.intervals import mean_interval
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.outcome import storage as classifiers
 from iphyre_jax.models.outcome.agent import CANDIDATES, ranking_agent
 from iphyre_jax.models.outcome.agent import FPS as CLASSIFIED

@@ -14,10 +14,10 @@ from iphyre_jax.analyses.difficulty import agreement, iterations
 from iphyre_jax.analyses.failures import sources
 from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference, pearson, share
 from iphyre_jax.analyses.people import scores as scores_of_people
-from iphyre_jax.analyses.rows import Row
 from iphyre_jax.analyses.shipped import Policy
 from iphyre_jax.analyses.tables import paper_facts, unseen_difference
 from iphyre_jax.intervals import Estimate, bootstrap
+from iphyre_jax.kept_rows import Row
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 

@@ -16,10 +16,10 @@ import numpy as np
 from iphyre_jax.analyses.figures import COLUMNS, share, spearman
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import scores as scores_of_people
-from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.analyses.search import play_plans_of
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.intervals import Estimate, bootstrap
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, load_scene
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers

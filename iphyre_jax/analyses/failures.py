@@ -14,9 +14,9 @@ from typing import Final, Literal
 from iphyre_jax.analyses.figures import COLUMNS, share
 from iphyre_jax.analyses.oracle import orders_of
 from iphyre_jax.analyses.orders import BlockOrder
-from iphyre_jax.analyses.rows import Row
 from iphyre_jax.analyses.shipped import Policy
 from iphyre_jax.analyses.tables import paper_facts
+from iphyre_jax.kept_rows import Row
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.attempts.policies import policy_attempts
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.train.reports.report import markdown_table
 from iphyre_jax.train.storage.pretrained import load_pretrained
 

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.analyses.figures import spearman
-from iphyre_jax.analyses.rows import Row
 from iphyre_jax.analyses.search import play_plans_of
 from iphyre_jax.analyses.shipped import Policy
+from iphyre_jax.kept_rows import Row
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import GAMES, Scene
 from iphyre_jax.train.reports.report import markdown_table

@@ -13,10 +13,10 @@ from rich.console import Console
 
 from iphyre_jax.analyses import attempts_rows, claims, difficulty, failures, oracle, people, protocols, slack, tables
 from iphyre_jax.analyses.imagination import report as imagination
-from iphyre_jax.analyses.rows import Row, read_rows
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.files import replace_text
+from iphyre_jax.kept_rows import Row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
 

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.analyses.rows import Row, kept_row
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import displaced, imagined_rewards
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.train.observations import start_observations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,7 @@ from rich.console import Console
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.files import read_json_object, replace_json
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.outcome import baselines, report, runs, storage
 from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
@@ -111,18 +111,18 @@ def baseline_rows(sets: PlaySets) -> dict[str, dict[str, Any]]:
     }
 
 
-def play_agent(where: Comparison, name: str, agent: Agent, console: Console) -> dict[str, list[float]]:
-    """Shares solved within 1, ..., k attempts by split; kept in a file beside the runs."""
-    file = where.root / f"agent-{name}.json"
-    if not file.is_file():
+def play_agent(where: Comparison, name: str, agent: Agent, console: Console) -> Row:
+    """Shares solved within 1, ..., k attempts by split, and by game in "games"; kept in a file beside the runs."""
+
+    def play() -> Row:
         with console.status(f"{name} plays {len(GAMES)} games"):
             shares = solved_within(agent, GAMES, ATTEMPTS, REPEATS)
         by_game = dict(zip(GAMES, shares, strict=True))
-        content = {
-            split: np.mean([by_game[game] for game in SPLITS[split]], axis=0).tolist() for split in SPLITS_PLAYED
-        }
-        replace_json(file, {**content, "games": {game: share.tolist() for game, share in by_game.items()}})
-    return read_json_object(file)
+        by_split = {split: np.mean([by_game[game] for game in SPLITS[split]], axis=0) for split in SPLITS_PLAYED}
+        found = {split: share.tolist() for split, share in by_split.items()}
+        return {**found, "games": {game: share.tolist() for game, share in by_game.items()}}
+
+    return kept_row(where.root / "agents", name, {"attempts": ATTEMPTS, "repeats": REPEATS}, play)
 
 
 def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
@@ -140,7 +140,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     sets = play_sets(where.root / "data", console)
     found: dict[str, dict[str, Any]] = baseline_rows(sets)
     facts = {"dependence of the inputs on the outcome": _dependence(sets.official), **provenance_facts()}
-    agents: dict[str, Mapping[str, Any]] = {"random plans": play_agent(where, "random", draw_randomly, console)}
+    agents: dict[str, Row] = {"random plans": play_agent(where, "random", draw_randomly, console)}
     for name, config in ROWS.items():
         if name in wanted:
             found[name] = make_row(where, config, sets, console)[1]

@@ -11,15 +11,12 @@ from typing import Any, Final
 from rich.console import Console
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.files import read_versioned, replace_json
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
 from iphyre_jax.models.storage import EVALUATION
-from iphyre_jax.provenance import provenance, provenance_facts
+from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
-
-BOUNDS: Final = "iphyre_jax/sequence-bounds"
-VERSION: Final = 1
 
 _OURS: Final = settings("ours")
 _LARGE: Final = dataclasses.replace(_OURS, data="large", updates=1000)
@@ -79,21 +76,21 @@ def make_row(where: Comparison, config: SequenceConfig, console: Console) -> dic
     return found
 
 
-def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
-    """Rows that learn nothing, at the rate of a row; kept in a file beside the runs."""
-    file, protocol = where.root / f"bounds-{config.fps}fps.json", config.protocol
-    if not file.is_file():
-        learned = sets.official_plays(config, where.root / "data", console)
-        makers: dict[str, Callable[[], evaluation.Result]] = {
-            "doing nothing": lambda: evaluation.doing_nothing(protocol),
-            "random plans": lambda: evaluation.randomly(protocol),
-            "nearest neighbour": lambda: evaluation.nearest(learned, protocol),
-        }
-        with console.status(f"bounds at {config.fps} steps a second"):
-            found = {name: make() for name, make in makers.items()}
-        replace_json(file, {"schema": BOUNDS, "version": VERSION, "rows": found, **provenance()})
-    rows: dict[str, Any] = read_versioned(file, BOUNDS, (VERSION,))["rows"]
-    return rows
+def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Row]:
+    """Rows that learn nothing, at the rate of a row; each is kept in a file beside the runs."""
+    protocol = config.protocol
+
+    def nearest() -> evaluation.Result:
+        return evaluation.nearest(sets.official_plays(config, where.root / "data", console), protocol)
+
+    makers: dict[str, Callable[[], evaluation.Result]] = {
+        "doing nothing": lambda: evaluation.doing_nothing(protocol),
+        "random plans": lambda: evaluation.randomly(protocol),
+        "nearest neighbour": nearest,
+    }
+    folder, settings = where.root / f"bounds-{config.fps}fps", {"fps": config.fps}
+    with console.status(f"bounds at {config.fps} steps a second"):
+        return {name: kept_row(folder, name.replace(" ", "-"), settings, make) for name, make in makers.items()}
 
 
 def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
@@ -110,7 +107,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
     found: dict[str, dict[str, Any]] = {}
     facts = provenance_facts()
-    below: dict[int, dict[str, Any]] = {}
+    below: dict[int, dict[str, Row]] = {}
     for name, config in ROWS.items():
         folder = where.root / name
         if name in wanted:

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax.analyses.rows import kept_row, read_rows
+from iphyre_jax.kept_rows import kept_row, read_rows
 
 
 def test_a_row_is_computed_once(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Rows of an analysis: computed once, kept as JSON with their origin, and not computed again."""
+"""Rows of a table that take long: computed once, kept as JSON with their origin, and not computed again."""
 
 from __future__ import annotations
 
