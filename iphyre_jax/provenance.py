@@ -6,7 +6,7 @@ import json
 import platform
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,11 @@ def provenance(packages: Sequence[str] = PACKAGES) -> dict[str, Any]:
 def provenance_facts() -> dict[str, str | None]:
     """`provenance` for the lines of a document: what has parts is JSON."""
     return {name: json.dumps(value) if isinstance(value, dict) else value for name, value in provenance().items()}
+
+
+def made_by(facts: Mapping[str, object]) -> str:
+    """Return the part of a document that says how it was made, in Markdown; facts: as of `provenance_facts`."""
+    return "\n\n".join(("## Made by", "\n".join(f"* {name}: {value}" for name, value in facts.items())))
 
 
 def source_commit() -> str | None:

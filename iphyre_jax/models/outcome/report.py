@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, HELD, TRAINED, VARIED
+from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table
 
 TITLES: Final = {
@@ -184,5 +185,5 @@ def write(
             agents_table(agents),
         ]
     parts += ["## Accuracy by game, %", games_table(trained, [column for column in judged if column != VARIED])]
-    parts += ["## Made by", "\n".join(f"* {name}: {value}" for name, value in facts.items())]
+    parts.append(made_by(facts))
     replace_text(out, "\n\n".join(part.strip() for part in parts) + "\n")

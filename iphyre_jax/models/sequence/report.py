@@ -11,6 +11,7 @@ import numpy as np
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.sequence.evaluation import CANDIDATES, RANDOM, split_means
 from iphyre_jax.models.sequence.settings import ASKED
+from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table
 
 SPLITS_SHOWN: Final = {
@@ -124,5 +125,5 @@ def write(
         sweep_table(found),
     ]
     parts += ["## Training", training_table(found)]
-    parts += ["## Made by", "\n".join(f"* {name}: {value}" for name, value in facts.items())]
+    parts.append(made_by(facts))
     replace_text(out, "\n\n".join(part.strip() for part in parts) + "\n")

@@ -11,6 +11,7 @@ import numpy as np
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.world.metrics import BOUNDS, COLUMNS, HORIZONS
 from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
+from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table
 
 TITLES: Final = {
@@ -162,5 +163,5 @@ def write(
             "played: reward / games solved. The exact simulator bounds what any model can reach with these plans.",
             planning_table(evaluations, bounds),
         ]
-    parts += ["## Made by", "\n".join(f"* {name}: {value}" for name, value in facts.items())]
+    parts.append(made_by(facts))
     replace_text(out, "\n\n".join(part.strip() for part in parts) + "\n")
