@@ -172,7 +172,7 @@ test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in flo
 results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
-carry-over: .venv/.stamp ## train on variations, generated scenes and both, 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
+carry-over: .venv/.stamp ## train on variations, generated scenes and both, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
 	$(PY) -m benchmarks.carry_over
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped

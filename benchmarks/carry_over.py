@@ -1,11 +1,11 @@
 """`make carry-over`: what carries over to unseen scenes from variations of the basic games, generated scenes, and both.
 
-    python -m benchmarks.carry_over --seeds 5
-    python -m benchmarks.carry_over --seeds 5 --test    # plays the forty games too, and counts that it did
+    python -m benchmarks.carry_over --fps 10
+    python -m benchmarks.carry_over --fps 10 --test    # plays the forty games too, and counts that it did
 
-Each row is trained at 60 steps a second with the same network and number of episodes. Rows are compared on the unseen
-basic games and on generated scenes that were held out. The forty games are played with --test only, each policy once:
-its greedy plan, then tries that differ. Everything goes on where it stopped.
+All rows of a rate have the same network and number of episodes. They are compared on the unseen basic games and on
+generated scenes that were held out. The forty games are played with --test only, each policy once: its greedy plan,
+then tries that differ. Everything goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import jax
 import numpy as np
@@ -36,6 +37,7 @@ from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_rows
 from iphyre_jax.provenance import provenance
+from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
@@ -44,9 +46,9 @@ from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
-FPS: Final = 60  # of what is trained here
-SCENES: Final = 2000  # of the pool's file, seed 0
-TRAINED_ON: Final = 1600  # the first ones; the others are held out
+SCENES: Final = 20_000  # of the pool's file, seed 0
+TRAINED_ON: Final = 19_000  # the first ones; the others are held out
+FEWER: Final = 1_000  # of the row with a small pool
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
 SHIPPED: Final = "ppo-i-objects"  # trained at 10 steps a second on variations
@@ -61,6 +63,8 @@ class Arguments:
     """Folder of the pool, of the runs and of the rows."""
     out: Path = Path("docs/results")
     """Folder of carry-over.md and of the count of runs."""
+    fps: tuple[Literal[10, 60], ...] = (10, 60)
+    """Rates to train at."""
     seeds: int = 5
     """Seeds of each row."""
     only: tuple[str, ...] = ()
@@ -71,11 +75,14 @@ class Arguments:
     """Play the forty games with what is trained, and count it."""
 
 
-def rows(pool: Path) -> Mapping[str, TrainConfig]:
-    """The rows by name: the default preset's network and learner, 256,000 episodes each."""
-    base = replace(preset(), fps=FPS, resets=RESETS[FPS], updates=200, episodes_per_scene=128)
-    pooled = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
-    return MappingProxyType({"variations": base, "pool": replace(pooled, variations=0, pool_share=1.0), "both": pooled})
+def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
+    """The rows of a rate by name: the default preset; at 60 steps a second a third of its episodes."""
+    base = preset() if fps == OFFICIAL_FPS else replace(preset(), updates=200, episodes_per_scene=128)
+    base = replace(base, fps=fps, resets=RESETS[fps])
+    both = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
+    alone = replace(both, variations=0, pool_share=1.0)
+    fewer = replace(both, pool_scenes=FEWER)
+    return MappingProxyType({"variations": base, "pool": alone, "both": both, "both-small": fewer})
 
 
 def pool_file(root: Path) -> Path:
@@ -135,7 +142,7 @@ def play_forty(folder: Path, policies: Mapping[str, tuple[TrainConfig, State]], 
     """Play the forty games with whatever has no row yet, and count it if there is anything."""
     tasks: list[tuple[Path, str, dict[str, Any], Callable[[], Row]]] = []
     for fps in RESETS:
-        of_rate = {name: one for name, one in policies.items() if one[0].fps == fps}
+        of_rate = {name.partition("@")[0]: one for name, one in policies.items() if one[0].fps == fps}
         of_rate[SHIPPED] = _shipped(fps)
         agents: dict[str, Agent] = {name: PolicyTries(*one) for name, one in of_rate.items()}
         for name, agent in {"random plans": draw_randomly, **agents}.items():
@@ -159,23 +166,25 @@ def main(arguments: Arguments) -> None:
     """Train what is missing, play, and write the document."""
     configure()
     console, file = Console(), pool_file(arguments.root)
-    table, generated = rows(file), load_generated(file)
+    generated = load_generated(file)
     for name in arguments.only:
-        if name not in table:
-            raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
+        if name not in rows(file, OFFICIAL_FPS):
+            raise SystemExit(f"only: expected some of {', '.join(rows(file, OFFICIAL_FPS))}, got {name!r}")
     held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
     policies: dict[str, tuple[TrainConfig, State]] = {}
-    kept_row(arguments.root / "held-out", SHIPPED, {"name": SHIPPED}, partial(held_out_row, *_shipped(FPS), held_out))
-    for seed in range(arguments.seeds):
-        for name, plain in table.items():
-            config, folder = replace(plain, seed=seed), arguments.root / name / f"seed-{seed}"
+    for fps in sorted(arguments.fps):
+        folder = arguments.root / f"held-out-{fps}fps"
+        kept_row(folder, SHIPPED, {"name": SHIPPED}, partial(held_out_row, *_shipped(fps), held_out))
+    for seed, fps in product(range(arguments.seeds), sorted(arguments.fps)):
+        for name, plain in rows(file, fps).items():
+            config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
             wanted = arguments.train and (not arguments.only or name in arguments.only)
             if not wanted and not is_trained(folder, config):
                 continue
-            policies[f"{name}-{seed}"] = one = trained(folder, config, console)
+            policies[f"{name}-{seed}@{fps}"] = one = trained(folder, config, console)
             settings = {"settings": json.loads(json.dumps(one[0].to_json()))}
             compute = partial(held_out_row, *one, held_out)
-            kept_row(arguments.root / "held-out", f"{name}-{seed}", settings, compute)
+            kept_row(arguments.root / f"held-out-{fps}fps", f"{name}-{seed}", settings, compute)
             _write(arguments, generated.manifest)
     if arguments.test:
         play_forty(arguments.root, policies, arguments.out)
@@ -184,10 +193,12 @@ def main(arguments: Arguments) -> None:
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
     """Write the document of the rows that are there."""
-    forty = {fps: read_rows(arguments.root / f"forty-{fps}fps") for fps in RESETS}
-    names = [f"{name}-{seed}" for seed in range(arguments.seeds) for name in rows(Path())]
-    held_out = read_rows(arguments.root / "held-out")
-    missing = [name for name in names if name not in held_out]
+    forty, held_out = (
+        {fps: read_rows(arguments.root / f"{kind}-{fps}fps") for fps in sorted(RESETS)}
+        for kind in ("forty", "held-out")
+    )
+    names = [f"{name}-{seed}" for seed in range(arguments.seeds) for name in rows(Path(), OFFICIAL_FPS)]
+    missing = [f"{name} at {fps}" for fps, found in held_out.items() for name in names if name not in found]
     facts = {"pool": {key: manifest[key] for key in ("seed", "scenes", "protocol", "nearest_px")}, **provenance()}
     arguments.out.mkdir(parents=True, exist_ok=True)
     text = document(held_out, forty, missing, arguments.out / COUNTER, facts)

@@ -29,29 +29,33 @@ def held(reward: float) -> dict[str, Any]:
     return {kind: {"reward": [reward, reward], "success": [1.0, 0.0]} for kind in ("unseen_basic", "held_out")}
 
 
-def test_rows_differ_in_their_scenes_only() -> None:
-    table = carry_over.rows(Path("pool.npz"))
+@pytest.mark.parametrize(("fps", "episodes"), [(10, 819_200), (60, 256_000)])
+def test_rows_differ_in_their_scenes_only(fps: int, episodes: int) -> None:
+    table = carry_over.rows(Path("pool.npz"), fps)
     for config in table.values():
         config.check()
+        assert config.fps == fps
         assert config.training_games == SPLITS["basic"]
         assert config.pool_scenes <= carry_over.TRAINED_ON < carry_over.SCENES or not config.scene_pool
     plain = table["variations"]
-    for name in ("pool", "both"):
+    for name in ("pool", "both", "both-small"):
         differ = {one.name for one in fields(plain) if getattr(plain, one.name) != getattr(table[name], one.name)}
         assert differ <= SCENES
-    assert {config.episodes_per_update * config.updates for config in table.values()} == {256_000}
+    assert {config.episodes_per_update * config.updates for config in table.values()} == {episodes}
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
     found = {"both-0": held(700.0), "both-1": held(800.0)}
-    plain = document(found, {60: {}, 10: {}}, ["both-2"], tmp_path / "none", {"commit": "c"})
+    plain = document({10: {}, 60: found}, {10: {}, 60: {}}, ["both-2"], tmp_path / "none", {"commit": "c"})
     assert "| both | 2 | 750.0 [700, 800] | 50.0 [50, 50] | 750.0 [700, 800] | 50.0 [50, 50] |" in plain
     assert "Still missing: both-2." in plain
     assert "All forty games" not in plain
+    assert "### 60 steps a second" in plain
+    assert "### 10 steps a second" not in plain
     counter = tmp_path / "count.json"
     counter.write_text('{"runs": 1}')
     rows = {"both-0": forty([600.0, *[900.0] * 9]), "both-1": forty([800.0, *[1000.0] * 9])}
-    text = document(found, {60: rows, 10: {}}, [], counter, {})
+    text = document({10: {}, 60: found}, {10: {}, 60: rows}, [], counter, {})
     assert "This command has played them 1 time, each policy once." in text
     assert f"| both | 2 {'| 700.0 [600, 800] ' * 5}| 0.0 [0, 0] |" in text
     assert f"| both | 700.0 [600, 800] {'| 950.0 [900, 1000] ' * 3}| 100.0 [100, 100] |" in text
