@@ -29,8 +29,8 @@ def held(reward: float) -> dict[str, Any]:
     return {kind: {"reward": [reward, reward], "success": [1.0, 0.0]} for kind in ("unseen_basic", "held_out")}
 
 
-@pytest.mark.parametrize(("fps", "episodes"), [(10, 819_200), (60, 256_000)])
-def test_rows_differ_in_their_scenes_only(fps: int, episodes: int) -> None:
+@pytest.mark.parametrize("fps", [10, 60])
+def test_rows_differ_in_their_scenes_only(fps: int) -> None:
     table = carry_over.rows(Path("pool.npz"), fps)
     for config in table.values():
         config.check()
@@ -41,7 +41,7 @@ def test_rows_differ_in_their_scenes_only(fps: int, episodes: int) -> None:
     for name in ("pool", "both", "both-small"):
         differ = {one.name for one in fields(plain) if getattr(plain, one.name) != getattr(table[name], one.name)}
         assert differ <= SCENES
-    assert {config.episodes_per_update * config.updates for config in table.values()} == {episodes}
+    assert {config.episodes_per_update * config.updates for config in table.values()} == {256_000}
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
