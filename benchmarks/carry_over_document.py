@@ -23,19 +23,18 @@ from iphyre_jax.train.reports.statistics import summary
 SHOWN: Final = (1, 2, 5, 10)  # tries
 INTRO: Final = (
     "Written by `make carry-over`. Policies in advance, float32: the object network and the learner of the default "
-    "preset, 256,000 episodes, reset 2 at 10 steps a second and reset 1 at 60. They learn from the ten basic games and "
-    "1,000 variations of each (`variations`), from the first 19,000 of 20,000 generated scenes (`pool`), half from each "
-    "(`both`), or half from each with 1,000 generated scenes (`both-small`). Generated scenes are drawn by "
+    "preset, 256,000 episodes, reset 2 at 10 steps a second and reset 1 at 60. They learn from the ten basic games "
+    "and 1,000 variations of each (`variations`), from the first 19,000 of 20,000 generated scenes (`pool`), half "
+    "from each (`both`), or half from each with 1,000 generated scenes (`both-small`). Generated scenes are drawn by "
     "learnability. `ppo-i-objects` is the shipped policy, the best of five seeds on basic and unseen basic games, "
-    "trained at 10 steps a second on variations, 819,200 episodes. Cells: mean over seeds [95 % bootstrap interval over "
-    "seeds]; with one seed the interval is over games or scenes."
+    "trained at 10 steps a second on variations, 819,200 episodes. Cells: mean over seeds [95 % bootstrap interval "
+    "over seeds]; with one seed the interval is over games or scenes."
 )
 CHOSEN: Final = (
     "Chosen on what: network and learner are those of the default preset (basic and unseen basic games). The number "
     "of updates was chosen on held-out generated scenes; the pool's size and share and the numbers of the curriculum "
-    "were not tuned. The temperature of the "
-    "tries, 3, and how far they must differ come from trials on held-out generated scenes in which the forty games "
-    "were in view. No setting was changed after these rows were seen."
+    "were not tuned. The temperature of the tries, 3, and how far they must differ come from trials on held-out "
+    "generated scenes in which the forty games were in view. No setting was changed after these rows were seen."
 )
 
 Cells = Callable[[Row], Sequence[float]]
