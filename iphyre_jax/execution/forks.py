@@ -7,10 +7,12 @@ Processes of our own are therefore started anew; `import_path` lets them find wh
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from iphyre_jax.execution.configuration import jax_has_started
 from iphyre_jax.memory import check_start
@@ -52,3 +54,13 @@ def check_fork() -> None:
 def import_path() -> str:
     """Return the PYTHONPATH with which a new process, in any folder, imports what this one does."""
     return os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
+
+
+def end_process(process: subprocess.Popen[Any]) -> None:
+    """End a process of our own, whatever it does, and close its pipes; what was not yet written is lost."""
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(OSError, ValueError):
+                pipe.close()

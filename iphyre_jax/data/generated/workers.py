@@ -12,7 +12,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from functools import partial
 from itertools import count
 from queue import SimpleQueue
@@ -24,7 +24,7 @@ import numpy as np
 from iphyre_jax.data.generated.chunks import Arrays, make_chunk
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration
-from iphyre_jax.execution.forks import import_path
+from iphyre_jax.execution.forks import end_process, import_path
 
 COMMAND: Final = (sys.executable, "-P", "-m", "iphyre_jax.data.generated")
 LENGTH: Final = 8  # bytes
@@ -136,11 +136,5 @@ class ChunkProcess:
 
     def end(self) -> None:
         """End the process."""
-        if self._running is None:
-            return
-        self._running.kill()
-        self._running.wait()
-        for pipe in (self._running.stdin, self._running.stdout):
-            if pipe is not None:
-                with suppress(OSError):  # what was not yet written can be no more
-                    pipe.close()
+        if self._running is not None:
+            end_process(self._running)

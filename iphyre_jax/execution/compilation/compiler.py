@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import contextlib
 import json
 import os
 import subprocess
@@ -18,7 +17,7 @@ from typing import IO, Any, Final, cast
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.options import xla_flags
-from iphyre_jax.execution.forks import import_path
+from iphyre_jax.execution.forks import end_process, import_path
 
 WORKER: Final = "iphyre_jax.execution.compilation.worker"
 PATIENCE: Final = 1.5  # s of waiting before progress is shown
@@ -115,12 +114,7 @@ class CompilerProcess:
 
     def end(self) -> None:
         """End the process, even during a compilation."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
+        end_process(self._process)
 
 
 _idle: list[CompilerProcess] = []  # idle processes; they end by themselves after a while

@@ -69,12 +69,6 @@ def evaluate(folder: Path, config: SequenceConfig, state: SequenceState) -> dict
     return content
 
 
-def best_mode(found: Mapping[str, Any]) -> str:
-    """How the best model of a row plays; chosen on the unseen basic games."""
-    modes = [mode for mode in found["modes"] if mode != "sweep"]
-    return max(modes, key=lambda mode: evaluation.split_means(found["modes"][mode], "unseen_basic")[0].mean())
-
-
 def shipped(config: SequenceConfig, state: SequenceState, found: Mapping[str, Any]) -> storage.TrainedModel:
     """The best model of a run, rounded as it ships: chosen on the basic and the unseen basic games, no others."""
     result = found["modes"]["greedy"]

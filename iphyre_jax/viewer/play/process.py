@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
@@ -14,7 +13,7 @@ from typing import IO, Any, Final, cast
 
 import numpy as np
 
-from iphyre_jax.execution.forks import import_path
+from iphyre_jax.execution.forks import end_process, import_path
 from iphyre_jax.viewer.play.worker import ARRAYS
 
 WORKER: Final = "iphyre_jax.viewer.play.worker"
@@ -81,12 +80,7 @@ class PlayProcess:
 
     def end(self) -> None:
         """End the process, even during a play. Its compiler ends with it."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError, ValueError):
-                    pipe.close()
+        end_process(self._process)
 
     def _within(self, seconds: float, act: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         timed_out = threading.Event()
