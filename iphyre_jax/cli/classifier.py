@@ -14,6 +14,7 @@ from iphyre_jax.cli.signals import resumable
 from iphyre_jax.models.outcome import compare, storage
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, play_sets
 from iphyre_jax.models.outcome.report import TITLES, cell
+from iphyre_jax.models.settings import row_of
 
 ROOT = Path("build/outcome")
 
@@ -75,7 +76,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         compare.compare(compare.Comparison(action.root, action.out, action.weights), console, action.only)
         return
     if isinstance(action, Train):
-        config = compare.row_settings(action.row)
+        config = row_of(compare.ROWS, action.row)
         sets = play_sets(action.root / "data", console)
         compare.make_row(compare.Comparison(action.root), config, sets, console)
         folder = action.root / config.name

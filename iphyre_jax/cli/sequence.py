@@ -14,6 +14,7 @@ from iphyre_jax.analyses import oracle
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.models.sequence import compare, report, storage
+from iphyre_jax.models.settings import row_of
 from iphyre_jax.scenes import GAMES, SPLITS
 
 ROOT = Path("build/sequence")
@@ -77,7 +78,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         compare.compare(compare.Comparison(action.root, action.out, action.weights, best), console, action.only)
         return
     if isinstance(action, Train):
-        config = compare.row_settings(action.row)
+        config = row_of(compare.ROWS, action.row)
         compare.make_row(compare.Comparison(action.root), config, console)
         folder = action.root / config.name
     else:

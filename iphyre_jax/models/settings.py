@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, Protocol, TypeVar, cast
 
-from iphyre_jax.checks import show
+from iphyre_jax.checks import check_option, show
 
 
 class Settings(Protocol):
@@ -19,6 +20,11 @@ class Settings(Protocol):
 
 
 S = TypeVar("S", bound=Settings)
+
+
+def row_of(rows: Mapping[str, S], name: str) -> S:
+    """The settings of a row of a report; ValueError, one line, if there is no such row."""
+    return rows[check_option("row", name, tuple(rows))]
 
 
 def settings_of(kind: type[S], content: object, source: str) -> S:

@@ -59,15 +59,6 @@ class Comparison:
     weights: Path | None = None
 
 
-def row_settings(name: str) -> OutcomeConfig:
-    """The settings of a row.
-
-    Raises:
-        ValueError: one line; there is no such row.
-    """
-    return ROWS[check_option("row", name, tuple(ROWS))]
-
-
 def make_row(
     where: Comparison, config: OutcomeConfig, sets: PlaySets, console: Console
 ) -> tuple[OutcomeState | None, dict[str, Any]]:

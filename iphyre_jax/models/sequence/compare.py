@@ -52,15 +52,6 @@ class Comparison:
     best: Mapping[int, Mapping[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
 
 
-def row_settings(name: str) -> SequenceConfig:
-    """The settings of a row.
-
-    Raises:
-        ValueError: one line; there is no such row.
-    """
-    return ROWS[check_option("row", name, tuple(ROWS))]
-
-
 def make_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
     """Train and evaluate a row, or what is left of it; its evaluation."""
     folder = where.root / config.name

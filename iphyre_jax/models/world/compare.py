@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
+from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import EVALUATION, VERSION
 from iphyre_jax.models.world import report, storage
 from iphyre_jax.models.world.metrics import COLUMNS, measured
@@ -42,7 +42,7 @@ def row_settings(name: str, seed: int = 0) -> WorldConfig:
     Raises:
         ValueError: one line; there is no such row, or no such seed.
     """
-    config = dataclasses.replace(ROWS[check_option("row", name, tuple(ROWS))], seed=seed)
+    config = dataclasses.replace(row_of(ROWS, name), seed=seed)
     config.check()
     return config
 
