@@ -199,8 +199,10 @@ def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
         {fps: read_rows(arguments.root / f"{kind}-{fps}fps") for fps in sorted(RESETS)}
         for kind in ("forty", "held-out")
     )
-    names = [f"{name}-{seed}" for seed in range(arguments.seeds) for name in rows(Path(), OFFICIAL_FPS)]
-    missing = [f"{name} at {fps}" for fps, found in held_out.items() for name in names if name not in found]
+    missing = []
+    for (fps, found), name in product(held_out.items(), rows(Path(), OFFICIAL_FPS)):
+        if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
+            missing.append(f"{name} at {fps} steps a second (seeds {', '.join(seeds)})")
     facts = {"pool": {key: manifest[key] for key in ("seed", "scenes", "protocol", "nearest_px")}, **provenance()}
     arguments.out.mkdir(parents=True, exist_ok=True)
     text = document(held_out, forty, missing, arguments.out / COUNTER, facts)

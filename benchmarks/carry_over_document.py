@@ -59,7 +59,7 @@ def document(
     parts = [
         "# What carries over",
         INTRO,
-        f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
+        f"Still missing: {'; '.join(missing)}." if missing else "Nothing is missing.",
         "## Unseen basic games and held-out generated scenes, greedy",
     ]
     for fps, found in held_out.items():
