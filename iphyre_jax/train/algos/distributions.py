@@ -128,7 +128,7 @@ def distinct_instants(raw_action: jax.Array) -> jax.Array:
             taken = jnp.stack([instant == other for other in instants]).any(axis=0)
             instant = instant + (taken & (instant > 0))
         instants.append(instant)
-    return jnp.stack(instants, axis=-1)
+    return jnp.minimum(jnp.stack(instants, axis=-1), INSTANTS)  # a third slot at the end would have 151
 
 
 def _normal_log_prob(distribution: jax.Array, value: jax.Array) -> jax.Array:

@@ -71,11 +71,15 @@ def test_every_slot_is_its_own_instant() -> None:
 
 def test_blocks_of_one_instant_go_one_after_the_other() -> None:
     """None is lost but those put off beyond the last instant, 149; "never" is put off for nothing."""
-    raw_actions = jnp.array([[5, 5, 6, 0, 0, 5], [149, 149, 0, 1, 1, 1], [3, 1, 2, 6, 5, 4]])
-    expected = [[5, 6, 7, 0, 0, 8], [149, 150, 0, 1, 2, 3], [3, 1, 2, 6, 5, 4]]
+    raw_actions = jnp.array(
+        [[5, 5, 6, 0, 0, 5], [149, 149, 0, 1, 1, 1], [3, 1, 2, 6, 5, 4], [149, 149, 148, 0, 149, 149]]
+    )
+    expected = [[5, 6, 7, 0, 0, 8], [149, 150, 0, 1, 2, 3], [3, 1, 2, 6, 5, 4], [149, 150, 148, 0, 150, 150]]
     np.testing.assert_array_equal(distinct_instants(raw_actions), expected)
     steps = plan_to_steps(action_to_times(np.asarray(TimeGridHead().action(raw_actions))), 10, "in_advance")
-    np.testing.assert_array_equal(steps, [[5, 6, 7, -1, -1, 8], [149, -1, -1, 1, 2, 3], [3, 1, 2, 6, 5, 4]])
+    np.testing.assert_array_equal(
+        steps, [[5, 6, 7, -1, -1, 8], [149, -1, -1, 1, 2, 3], [3, 1, 2, 6, 5, 4], [149, -1, 148, -1, -1, -1]]
+    )
 
 
 def test_gaussian_by_hand() -> None:
