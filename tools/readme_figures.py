@@ -56,7 +56,7 @@ def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, 
     yield "official environments", "2,400 episodes without a different reward or flag"
     ours, quick, paper = (
         r"PPO-I default, \w+, official, objects, varied",
-        r"PPO-I default, \w+, official",
+        r"PPO-I quick, \w+, official",
         "paper: PPO-I",
     )
     basic, everything = ([reward(results, row, split) for row in (ours, paper)] for split in ("basic", "all"))
