@@ -39,8 +39,12 @@ settings.load_profile("untimed")
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes long, so that no worker is left with it at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    """Begin with what takes long, and there with what compiles most, so that no worker is left with it at the end."""
+
+    def turn(item: pytest.Item) -> int:
+        return 2 if item.get_closest_marker("slow") is None else int(not _is_as_for_users(item.path))
+
+    items.sort(key=turn)
 
 
 # Here the engine's programs are compiled as they are for users. All other tests ask what the code means, not what a
@@ -56,6 +60,12 @@ AS_FOR_USERS = (
     "test_simulation.py",
     "test_simulation_reference.py",
 )
+
+
+def _is_as_for_users(path: Path) -> bool:
+    return path.relative_to(TESTS).as_posix().startswith(AS_FOR_USERS)
+
+
 LLVM_LEVEL = {"--xla_backend_optimization_level": "0"}
 _quick_programs: dict[Program, Run] = {}
 
@@ -81,7 +91,7 @@ def quick_engine() -> Iterator[None]:
 @pytest.fixture(scope="module", autouse=True)
 def quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
     """Compile quickly what a module tries, unless it is of AS_FOR_USERS."""
-    if request.path.relative_to(TESTS).as_posix().startswith(AS_FOR_USERS):
+    if _is_as_for_users(request.path):
         yield
         return
     with quick_jax(), quick_engine():
