@@ -87,6 +87,9 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
     return MappingProxyType({"variations": base, "pool": alone, "both": both, "both-small": fewer})
 
 
+ROWS: Final = tuple(rows(Path(), OFFICIAL_FPS))  # their names, the same at all rates
+
+
 def pool_file(root: Path) -> Path:
     """The pool's file; generated if it is missing."""
     file = root / "pool.npz"
@@ -140,12 +143,17 @@ def forty_row(agent: Agent, fps: int, dtype: str) -> Row:
     }
 
 
-def play_forty(folder: Path, policies: Mapping[str, tuple[TrainConfig, State]], out: Path) -> None:
-    """Play the forty games with whatever has no row yet, and count it if there is anything."""
+def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConfig, State]]], out: Path) -> None:
+    """Play the forty games with whatever has no row yet, and count it if there is anything.
+
+    Args:
+        folder: of the rows.
+        policies: of each rate, by the names of their rows.
+        out: folder of the count.
+    """
     tasks: list[tuple[Path, str, dict[str, Any], Callable[[], Row]]] = []
     for fps in RESETS:
-        of_rate = {name.partition("@")[0]: one for name, one in policies.items() if one[0].fps == fps}
-        of_rate[SHIPPED] = _shipped(fps)
+        of_rate = {**policies.get(fps, {}), SHIPPED: _shipped(fps)}
         agents: dict[str, Agent] = {name: PolicyTries(*one) for name, one in of_rate.items()}
         for name, agent in {"random plans": draw_randomly, **agents}.items():
             settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
@@ -168,22 +176,23 @@ def main(arguments: Arguments) -> None:
     """Train what is missing, play, and write the document."""
     configure()
     console, file = Console(), pool_file(arguments.root)
+    tables = {fps: rows(file, fps) for fps in sorted(arguments.fps)}
     generated = load_generated(file)
     for name in arguments.only:
-        if name not in rows(file, OFFICIAL_FPS):
-            raise SystemExit(f"only: expected some of {', '.join(rows(file, OFFICIAL_FPS))}, got {name!r}")
+        if name not in ROWS:
+            raise SystemExit(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
     held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
-    policies: dict[str, tuple[TrainConfig, State]] = {}
-    for fps in sorted(arguments.fps):
+    policies: dict[int, dict[str, tuple[TrainConfig, State]]] = {fps: {} for fps in tables}
+    for fps in tables:
         folder = arguments.root / f"held-out-{fps}fps"
         kept_row(folder, SHIPPED, {"name": SHIPPED}, partial(held_out_row, *_shipped(fps), held_out))
-    for seed, fps in product(range(arguments.seeds), sorted(arguments.fps)):
-        for name, plain in rows(file, fps).items():
+    for seed, fps in product(range(arguments.seeds), tables):
+        for name, plain in tables[fps].items():
             config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
             wanted = arguments.train and (not arguments.only or name in arguments.only)
             if not wanted and not is_trained(folder, config):
                 continue
-            policies[f"{name}-{seed}@{fps}"] = one = trained(folder, config, console)
+            policies[fps][f"{name}-{seed}"] = one = trained(folder, config, console)
             settings = {"settings": json.loads(json.dumps(one[0].to_json()))}
             compute = partial(held_out_row, *one, held_out)
             kept_row(arguments.root / f"held-out-{fps}fps", f"{name}-{seed}", settings, compute)
@@ -200,7 +209,7 @@ def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
         for kind in ("forty", "held-out")
     )
     missing = []
-    for (fps, found), name in product(held_out.items(), rows(Path(), OFFICIAL_FPS)):
+    for (fps, found), name in product(held_out.items(), ROWS):
         if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
             missing.append(f"{name} at {fps} steps a second (seeds {', '.join(seeds)})")
     facts = {"pool": {key: manifest[key] for key in ("seed", "scenes", "protocol", "nearest_px")}, **provenance()}
