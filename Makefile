@@ -34,11 +34,14 @@ run: .venv/.stamp ## train the plan-in-advance agent on the basic split and eval
 on-the-fly: .venv/.stamp ## shipped policies that act on the fly: greedy by mode and by median, beside sampled actions
 	$(PY) -m benchmarks.on_the_fly
 
+# Tests start hundreds of processes. Each would translate the package to bytecode again where none may be kept.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -n 2 --dist worksteal
+
 test: lint ## lint, types and the whole test suite
-	$(PY) -m pytest -n 2 --dist worksteal
+	$(PYTEST)
 
 test-fast: lint ## the same without the tests marked slow, for daily work
-	$(PY) -m pytest -n 2 --dist worksteal -m "not slow"
+	$(PYTEST) -m "not slow"
 
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
 	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/adapters/test_gymnasium_check.py tests/adapters/test_gymnasium.py
