@@ -1,7 +1,7 @@
 """What a planner imagines of the forty games and what the same plans really bring, kept for all questions to it.
 
 Each draw has its own plans and its own displaced scenes. The first N plans of a draw are those of a planner that
-imagines N, so that one row answers for every N.
+imagines N, and its first K scenes are those of one that believes in K: one row answers for every N and K.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Floats = npt.NDArray[np.float64]
 WORLD_FPS: Final = 60  # as people play
 RESETS: Final = 1
 PLANS: Final = 300  # of a draw
-COPIES: Final = 3  # displaced scenes; chosen on generated scenes that are not of the benchmark
+COPIES: Final = 10  # displaced scenes; chosen on generated scenes, see docs/decisions/training.md
 POLICY: Final = "ppo-i-objects"
 FROM_POLICY: Final = 0.7  # share of its plans among the proposals of kind "policy"; the rest is random
 IMAGINED_DTYPE: Final = "float32"

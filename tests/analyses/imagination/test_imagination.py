@@ -53,8 +53,10 @@ def test_rows_are_what_the_simulator_says(tmp_path: Path, monkeypatch: pytest.Mo
     np.testing.assert_allclose(ends[1], found, atol=5e-4)
     wrong = Imagination(30.0, draws=1)
     moved = imagined.imagined(tmp_path, "hole", wrong)
-    assert moved.shape == (1, 3, 12)
+    assert moved.shape == (1, imagined.COPIES, 12)
     assert len({tuple(row) for row in moved[0].tolist()}) > 1  # each copy is displaced on its own
+    monkeypatch.setattr(imagined, "COPIES", 3)
+    np.testing.assert_array_equal(imagined.imagined(tmp_path / "fewer", "hole", wrong), moved[:, :3])
     with pytest.raises(ValueError, match="settings: expected"):
         imagined.imagined(tmp_path, "hole", Imagination(0.0, draws=1))
 
