@@ -15,8 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.data.dataset import check_path
-from iphyre_jax.data.generated import GeneratedScenes, load_generated
+from iphyre_jax.data.generated import GeneratedScenes, generated_file, load_generated
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train.settings.run import TrainConfig
@@ -68,7 +67,7 @@ def with_sum(config: TrainConfig) -> TrainConfig:
     if not config.scene_pool:
         return config
     _load(config)
-    return replace(config, pool_sha256=sum_of(check_path(config.scene_pool)[0]))
+    return replace(config, pool_sha256=sum_of(generated_file(config.scene_pool)))
 
 
 def open_pool(config: TrainConfig) -> ScenePool | None:
@@ -80,7 +79,7 @@ def open_pool(config: TrainConfig) -> ScenePool | None:
 
 def _load(config: TrainConfig) -> GeneratedScenes:
     """Read the pool's file if it is the one that the settings name."""
-    file = check_path(config.scene_pool)[0]
+    file = generated_file(config.scene_pool)
     if not file.is_file():
         raise FileNotFoundError(f"scene_pool: expected a file of generated scenes, there is no {file}")
     found = sum_of(file)

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from iphyre_jax.scenes import Scene
 SCHEMA: Final = "iphyre_jax/generated"
 VERSION: Final = 1
 MAX_BYTES: Final = 2**31  # of NAME.npz, and of its arrays
+SHIPPED: Final = "shipped"  # stands for the path of the scenes that come with the package, the first of seed 0
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -156,14 +158,20 @@ def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> Non
     replace_json(manifest, {**scenes.manifest, "sha256": hashlib.sha256(content).hexdigest()})
 
 
+def generated_file(path: str | os.PathLike[str]) -> Path:
+    """Return NAME.npz of a path of generated scenes, or of "shipped"; ValueError in one line for another path."""
+    return Path(__file__).with_name("shipped.npz") if path == SHIPPED else check_path(path)[0]
+
+
 def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
-    """Read generated scenes; path: of NAME.npz or NAME.json, both must be there.
+    """Read generated scenes; path: of NAME.npz or NAME.json, both must be there, or "shipped", the package's own.
 
     Raises:
         OSError: a file cannot be read.
         ValueError: a file is not what `save_generated` writes; one line. A wrong scene is refused by `scenes`.
     """
-    npz, described = check_path(path)
+    npz = generated_file(path)
+    described = npz.with_suffix(".json")
     manifest = read_versioned(described, SCHEMA, (VERSION,))
     with npz.open("rb") as file:
         if hashlib.file_digest(file, "sha256").hexdigest() != manifest.pop("sha256", None):

@@ -1,7 +1,8 @@
 """What the trainer knows of each agent before it runs: its settings class, heads, and presets by strategy.
 
-"default" is ours, chosen on the basic split, on jittered copies of it and on the unseen basic layouts only. PPO in
-advance is made for unseen scenes: what an object is counts, not its row, and every update has other scenes.
+"default" is ours, chosen on the basic split, on jittered copies of it, on the unseen basic layouts and on generated
+scenes only. PPO in advance is made for unseen scenes: what an object is counts, not its row, and every update has other
+scenes, half of them variations of the basic games, half generated ones.
 
 "quick" is the same, but PPO in advance is a perceptron that learns the ten games alone, in seconds.
 
@@ -50,7 +51,13 @@ class AgentSpec:
         return {"default": self.default, "quick": {**self.default, **self.quick}, "paper": self.paper}[name]
 
 
-_UNSEEN: Final[dict[str, Any]] = {"network": "objects", "hidden_sizes": (64, 64), "variations": 1000}
+_UNSEEN: Final[dict[str, Any]] = {
+    "network": "objects",
+    "hidden_sizes": (96, 96, 96),
+    "variations": 1000,
+    "scene_pool": "shipped",
+    "pool_scenes": 4000,
+}
 _FLY: Final[dict[str, Any]] = {"observation": "motion", "head": "categorical", "hidden_sizes": (128, 128)}
 _CRITIC: Final[dict[str, Any]] = {"critic": True, "samples_per_update": 8192, "ent_coef": 0.003}
 _EXPLORING: Final[dict[str, Any]] = {"ent_coef": 0.15, "std_floor": 10.0}  # else it removes blocks that might stay
@@ -105,7 +112,7 @@ _PPO: Final = AgentSpec(
     "PPO",
     PPO,
     default={
-        "in-advance": _run(PPO(learning_rate=5e-4), 320, 256, **_UNSEEN),
+        "in-advance": _run(PPO(learning_rate=4e-4, epochs=3, kl_coef=0.2), 300, 256, **_UNSEEN),
         "combined": _run(PPO(samples_per_update=1024, epochs=8), 50, 64),
         "on-the-fly": _run(PPO(**_CRITIC), 60, 32, **_FLY),
     },

@@ -55,7 +55,8 @@ class TrainConfig:
     """Add up to so many static blocks to the variations, at random places."""
 
     scene_pool: str = ""
-    """File of generated scenes to train on as well, NAME.npz of `iphyre-jax generate` (in advance only)."""
+    """Generated scenes to train on as well (in advance only): "shipped" for those of the package, or a file, NAME.npz of
+    `iphyre-jax generate`."""
 
     pool_sha256: str = ""
     """SHA-256 sum of that file. A run writes it down when it starts, and resumes with no other file."""
