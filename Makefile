@@ -28,7 +28,7 @@ venv: .venv/.stamp ## make .venv with everything that the other targets need
 	$(PY) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-run: .venv/.stamp ## train the plan-in-advance agent on the basic split and evaluate it on all 40 games
+run: .venv/.stamp ## train the plan-in-advance agent on basic games and generated scenes, evaluate it on all 40 games
 	.venv/bin/iphyre-jax train
 
 on-the-fly: .venv/.stamp ## shipped policies that act on the fly: greedy by mode and by median, beside sampled actions
@@ -175,7 +175,7 @@ test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in flo
 results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
-carry-over: .venv/.stamp ## train on variations, generated scenes and both, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
+carry-over: .venv/.stamp ## train the default agent and what differs from it in one thing, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
 	$(PY) -m benchmarks.carry_over
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped

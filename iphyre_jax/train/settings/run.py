@@ -55,7 +55,7 @@ class TrainConfig:
     """Add up to so many static blocks to the variations, at random places."""
 
     scene_pool: str = ""
-    """Generated scenes to train on as well (in advance only): "shipped" for those of the package, or a file, NAME.npz of
+    """Generated scenes to train on as well (in advance only): "shipped", those of the package, or a file, NAME.npz of
     `iphyre-jax generate`."""
 
     pool_sha256: str = ""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iphyre_jax.data.generated import chunks, drawing
+from iphyre_jax.data.generated import chunks, drawing, load_generated
 from iphyre_jax.data.generated.canvas import Canvas
 from iphyre_jax.data.generated.distance import NEAREST, TEST_SPLITS, distances_to_test_games
 from iphyre_jax.data.generated.filtering import KEPT, NEAR
@@ -34,6 +34,16 @@ def test_a_test_game_is_found_mirrored_shifted_and_jittered(name: str) -> None:
     assert distances_to_test_games(canvas_of(game))[0] == pytest.approx(0.0, abs=1e-9)
     drawn = vary(game, 200, seed=1, shift_px=40, jitter_px=NEAREST / 4)
     assert distances_to_test_games(canvas_of(*drawn.scenes[:20])).max(initial=0.0) < NEAREST
+
+
+@pytest.mark.slow
+def test_no_shipped_scene_is_near_a_test_game() -> None:
+    shipped = load_generated("shipped")
+    found = distances_to_test_games(canvas_of(*shipped.scenes))
+    assert len(found) == 4000
+    assert found.min() >= NEAREST
+    np.testing.assert_allclose(found, shipped.columns["distance"], rtol=0, atol=1e-9)
+    assert shipped.manifest["nearest_px"] == found.min()
 
 
 def test_a_displacement_by_hand() -> None:
