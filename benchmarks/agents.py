@@ -2,8 +2,9 @@
 
     python -m benchmarks.agents --root build/results --out docs/results
 
-Each row is an agent, each seed a run folder under the root. An interrupted run is resumed; an evaluated one is left as
-it is. The document is written again after each run and says what is still missing.
+Each row is an agent, each seed a run folder under the root. An interrupted run is resumed. Settings, log and scores of an
+evaluated run are published beside the document, and such a run is not trained again. The document is written again
+after each run and says what is still missing.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.execution.configuration import configure
-from iphyre_jax.files import read_json_object, replace_text
+from iphyre_jax.files import read_json_object, replace_bytes, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
@@ -35,6 +36,7 @@ from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState
 
 SEEDS: Final = 5
+PUBLISHED: Final = (runs.CONFIG, logs.FILE, runs.EVALUATION)  # of a run, the last one last
 OFFICIAL: Final = (
     "The official stack: 200 iterations of 4,000 episodes of 150 steps, at a measured 43.6 us a step, take 5,200 s of "
     "simulation alone. Ours: everything counts, compilation too (but not in the last column)."
@@ -66,7 +68,7 @@ class Arguments:
     root: Path = Path("build/results")
     """Folder of the runs."""
     out: Path = Path("docs/results")
-    """Folder of results.md and its pictures."""
+    """Folder of results.md, its pictures, and of runs/, what is published of each run."""
     preset: PresetName = "default"
     """Preset of the paper's twelve rows; the document of "paper" is results-paper.md."""
     only: tuple[str, ...] = ()
@@ -74,12 +76,17 @@ class Arguments:
     seeds: int = SEEDS
     """Seeds of each row."""
     weights: Path | None = None
-    """Folder for the weights of each row's best seed, once all seeds are evaluated; by default they are not kept."""
+    """Folder for the weights of each row's best seed, once all seeds are trained; by default they are not kept."""
 
     @property
     def stem(self) -> str:
         """Name of the document, and how those of its pictures begin."""
         return "results" if self.preset == "default" else f"results-{self.preset}"
+
+    @property
+    def published(self) -> Path:
+        """Folder of what is published of each run."""
+        return self.out / "runs"
 
 
 def finished_run(folder: Path, config: TrainConfig, console: Console) -> RunState:
@@ -101,21 +108,42 @@ def finished_run(folder: Path, config: TrainConfig, console: Console) -> RunStat
 
 def check_settings(folder: Path, found: TrainConfig, wanted: TrainConfig) -> None:
     """Refuse a run with other settings than a row's; the sum of a pool is written down when the run starts."""
-    if replace(found, pool_sha256="") != wanted:
+    if _without_sum(found) != wanted:
         raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
 
 
-def run_row(folder: Path, config: TrainConfig, console: Console) -> bool:
-    """Train and evaluate one seed of a row, or what is left of it; returns whether anything was left.
+def _without_sum(config: TrainConfig) -> TrainConfig:
+    return replace(config, pool_sha256="")
+
+
+def run_row(folder: Path, published: Path, config: TrainConfig, console: Console) -> bool:
+    """Train, evaluate and publish one seed of a row, or what is left of that; returns whether anything was left.
+
+    Args:
+        folder: of the run.
+        published: folder of what is published of it.
+        config: settings of the run.
+        console: for the progress.
 
     Raises:
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
-    if (folder / runs.EVALUATION).is_file():
+    if is_published(published, config):
         return False
-    state = finished_run(folder, config, console)
-    runs.write_evaluation(folder, config, evaluate(config, state.learner, PLAYED), int(state.update))
+    if (folder / runs.EVALUATION).is_file():
+        check_settings(folder, runs.read_config(folder), config)
+    else:
+        state = finished_run(folder, config, console)
+        runs.write_evaluation(folder, config, evaluate(config, state.learner, PLAYED), int(state.update))
+    published.mkdir(parents=True, exist_ok=True)
+    for name in PUBLISHED:
+        replace_bytes(published / name, (folder / name).read_bytes())
     return True
+
+
+def is_published(folder: Path, config: TrainConfig) -> bool:
+    """Whether a run with these settings is published in a folder; one with others is out of date."""
+    return (folder / PUBLISHED[-1]).is_file() and _without_sum(runs.read_config(folder)) == config
 
 
 def export_best(arguments: Arguments, name: str) -> None:
@@ -210,7 +238,8 @@ def main(arguments: Arguments) -> None:
     write(arguments, table)
     for seed in range(arguments.seeds):
         for name in arguments.only or table:
-            if run_row(arguments.root / name / f"seed-{seed}", replace(table[name], seed=seed), console):
+            part, config = Path(name) / f"seed-{seed}", replace(table[name], seed=seed)
+            if run_row(arguments.root / part, arguments.published / part, config, console):
                 write(arguments, table)
     for name in arguments.only or table:
         if table[name].agent != "random":
@@ -222,8 +251,8 @@ def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
     evaluated, missing = [], []
     for name in table:
         for seed in range(arguments.seeds):
-            folder = arguments.root / name / f"seed-{seed}"
-            if (folder / runs.EVALUATION).is_file():
+            folder = arguments.published / name / f"seed-{seed}"
+            if is_published(folder, replace(table[name], seed=seed)):
                 evaluated.append(compare.read(folder))
             else:
                 missing.append(f"{name} seed {seed}")

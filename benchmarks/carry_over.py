@@ -35,13 +35,14 @@ from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
-from iphyre_jax.kept_rows import Row, kept_row, read_rows
+from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import rollout_collector
+from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
@@ -60,9 +61,9 @@ class Arguments:
     """Train the default agent and what differs from it in one thing, and compare."""
 
     root: Path = Path("build/carry-over")
-    """Folder of the pool, of the runs and of the rows."""
+    """Folder of the pool and of the runs."""
     out: Path = Path("docs/results")
-    """Folder of carry-over.md and of the count of runs."""
+    """Folder of carry-over.md, of its rows and of the count of runs on the forty games."""
     fps: tuple[Literal[10, 60], ...] = (10, 60)
     """Rates to train at."""
     seeds: int = 5
@@ -73,6 +74,11 @@ class Arguments:
     """Train what is missing; else only write the document of what is there."""
     test: bool = False
     """Play the forty games with what is trained, and count it."""
+
+    @property
+    def rows(self) -> Path:
+        """Folder of the rows, which are published: what has its rows is not trained again."""
+        return self.out / "carry-over"
 
 
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
@@ -165,7 +171,7 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConf
         for name, agent in {"random plans": draw_randomly, **agents}.items():
             settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
             if name in of_rate:
-                settings["settings"] = json.loads(json.dumps(of_rate[name][0].to_json()))
+                settings.update(_settings(of_rate[name][0]))
             tasks.append((folder / f"forty-{fps}fps", name, settings, partial(forty_row, agent, fps, "float32")))
     if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
         return
@@ -191,28 +197,36 @@ def main(arguments: Arguments) -> None:
     held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
     policies: dict[int, dict[str, tuple[TrainConfig, State]]] = {fps: {} for fps in tables}
     for fps in tables:
-        folder = arguments.root / f"held-out-{fps}fps"
-        kept_row(folder, SHIPPED, {"name": SHIPPED}, partial(held_out_row, *_shipped(fps), held_out))
+        compute = partial(held_out_row, *_shipped(fps), held_out)
+        kept_row(arguments.rows / f"held-out-{fps}fps", SHIPPED, _settings(_shipped(fps)[0]), compute)
+    kinds = ("held-out", "forty") if arguments.test else ("held-out",)
     for seed, fps in product(range(arguments.seeds), tables):
         for name, plain in tables[fps].items():
             config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
             wanted = arguments.train and (not arguments.only or name in arguments.only)
-            if not wanted and not is_trained(folder, config):
+            files = [arguments.rows / f"{kind}-{fps}fps" / f"{name}-{seed}.json" for kind in kinds]
+            if files[0].is_file():
+                read_row(files[0], _settings(with_sum(config)))  # refuses one that is out of date
+            if all(file.is_file() for file in files) or not (wanted or is_trained(folder, config)):
                 continue
             policies[fps][f"{name}-{seed}"] = one = trained(folder, config, console)
-            settings = {"settings": json.loads(json.dumps(one[0].to_json()))}
             compute = partial(held_out_row, *one, held_out)
-            kept_row(arguments.root / f"held-out-{fps}fps", f"{name}-{seed}", settings, compute)
+            kept_row(arguments.rows / f"held-out-{fps}fps", f"{name}-{seed}", _settings(one[0]), compute)
             _write(arguments, generated.manifest)
     if arguments.test:
-        play_forty(arguments.root, policies, arguments.out)
+        play_forty(arguments.rows, policies, arguments.out)
     _write(arguments, generated.manifest)
+
+
+def _settings(config: TrainConfig) -> dict[str, Any]:
+    """Settings of a row, as they come back from JSON."""
+    return {"settings": json.loads(json.dumps(config.to_json()))}
 
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
     """Write the document of the rows that are there."""
     forty, held_out = (
-        {fps: read_rows(arguments.root / f"{kind}-{fps}fps") for fps in sorted(RESETS)}
+        {fps: read_rows(arguments.rows / f"{kind}-{fps}fps") for fps in sorted(RESETS)}
         for kind in ("forty", "held-out")
     )
     missing = []

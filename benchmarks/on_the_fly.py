@@ -49,8 +49,8 @@ class Arguments:
 
     out: Path = Path("docs/results")
     """Folder of on-the-fly.md and of the count of runs."""
-    runs: Path = Path("build/results")
-    """Folder of the runs of `make results`. A policy whose seeds are all there gets a row of their means."""
+    runs: Path = Path("docs/results/runs")
+    """Folder of what `make results` published. A policy whose seeds are all there gets a row of their means."""
     test: bool = False
     """Play the forty games too, count it, and write the scores of the shipped weights anew."""
 

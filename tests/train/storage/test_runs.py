@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -332,10 +333,20 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
     assert agents.seconds_to_paper(run) is None  # three updates of sixteen episodes
-    assert not agents.run_row(finished.folder, TINY, QUIET)  # evaluated already: nothing to do
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
-        agents.run_row(tmp_path / "other", table["ppo-i"], QUIET)
+        agents.run_row(tmp_path / "other", tmp_path / "none", table["ppo-i"], QUIET)
+
+
+def test_a_published_run_is_not_trained_again(finished: loop.TrainingResult, tmp_path: Path) -> None:
+    published = tmp_path / "published"
+    assert agents.run_row(finished.folder, published, TINY, QUIET)  # evaluated already: it is only published
+    assert {file.name for file in published.iterdir()} == {"config.json", "metrics.csv", "evaluation.json"}
+    assert not agents.run_row(tmp_path / "nothing", published, TINY, QUIET)
+    assert compare.read(published).games == compare.read(finished.folder).games
+    text = agents.document([compare.read(published)], [], tmp_path, "results")
+    assert "PPO-I quick" in text
+    assert not agents.is_published(published, replace(TINY, updates=TINY.updates + 1))  # out of date
 
 
 @pytest.mark.slow
