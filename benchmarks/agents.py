@@ -2,8 +2,8 @@
 
     python -m benchmarks.agents --root build/results --out docs/results
 
-Each row is an agent, each seed a run folder under the root. An interrupted run is resumed. Settings, log and scores of an
-evaluated run are published beside the document, and such a run is not trained again. The document is written again
+Each row is an agent, each seed a run folder under the root. An interrupted run is resumed. Settings, log and scores of
+an evaluated run are published beside the document, and such a run is not trained again. The document is written again
 after each run and says what is still missing.
 """
 
@@ -200,7 +200,7 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         f"Written by `make {stem}`. Trained on the basic split only; everything else is zero shot. Greedy: one "
         "episode a game; sampled: 20, as the agent plays to learn, which is the paper's protocol. Cells: mean over "
         "seeds, share solved, [95 % bootstrap interval over seeds], interquartile mean over games and seeds. People "
-        "and oracle of the paper played at 60 fps, its agents at 10.",
+        "and oracle of the paper played at 60 fps, its agents at 10. Settings, log and scores of each run are in `runs/`.",
         f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
     ]
     for fps in (10, 60):
