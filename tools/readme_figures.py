@@ -55,7 +55,7 @@ def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, 
     yield "parity, float32, 60 steps a second", f"the same outcome as pymunk in {same} % of 2,000 plays"
     yield "official environments", "2,400 episodes without a different reward or flag"
     ours, quick, paper = (
-        r"PPO-I default, \w+, official, objects, varied",
+        r"PPO-I default, \w+, official, objects, varied, generated",
         r"PPO-I quick, \w+, official",
         "paper: PPO-I",
     )
