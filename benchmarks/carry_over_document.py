@@ -26,7 +26,7 @@ INTRO: Final = (
     "`default` is the default preset: it learns from the ten basic games, 1,000 variations of each, and, in half of "
     "its episodes, the generated scenes that ship with the package, drawn by learnability. The other rows differ in "
     "one thing: no generated scenes (`variations`), generated scenes alone (`generated`), 19,000 of them "
-    "(`large-pool`), 1,000 (`small-pool`), all drawn alike (`uniform`), two blocks of width 64 (`small-network`). "
+    "and twice the updates (`large-pool`), 1,000 (`small-pool`), all drawn alike (`uniform`), two blocks of width 64 (`small-network`). "
     "`ppo-i-objects` is the shipped policy, the best of five seeds of `default` on basic and unseen basic games, "
     "trained at 10 steps a second. Cells: mean over seeds [95 % bootstrap interval over seeds]; with one seed the "
     "interval is over games or scenes."

@@ -17,7 +17,7 @@ DIFFER = {
     "default": set(),
     "variations": {"scene_pool"},
     "generated": {"variations", "pool_share"},
-    "large-pool": {"scene_pool", "pool_scenes"},
+    "large-pool": {"scene_pool", "pool_scenes", "updates"},
     "small-pool": {"pool_scenes"},
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},
