@@ -82,17 +82,18 @@ class Arguments:
 
 
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
-    """The rows of a rate by name: the default preset, and what differs from it in one thing; a larger pool takes more updates.
+    """The rows of a rate by name: the default preset, and what differs from it in one thing.
 
-    The scenes that ship are the first ones of the pool.
+    A larger pool takes more updates. The scenes that ship are the first ones of the pool.
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
+    large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
     return MappingProxyType(
         {
             "default": base,
             "variations": replace(base, scene_pool=""),
             "generated": replace(base, variations=0, pool_share=1.0),
-            "large-pool": replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON, updates=2 * base.updates),
+            "large-pool": replace(large, updates=2 * base.updates),
             "small-pool": replace(base, pool_scenes=FEWER),
             "uniform": replace(base, curriculum="uniform"),
             "small-network": replace(base, hidden_sizes=(64, 64)),
