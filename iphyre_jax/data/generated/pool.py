@@ -160,7 +160,7 @@ def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> Non
 
 def generated_file(path: str | os.PathLike[str]) -> Path:
     """Return NAME.npz of a path of generated scenes, or of "shipped"; ValueError in one line for another path."""
-    return Path(__file__).with_name("shipped.npz") if path == SHIPPED else check_path(path)[0]
+    return Path(__file__).with_name("shipped.npz") if str(path) == SHIPPED else check_path(path)[0]
 
 
 def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:

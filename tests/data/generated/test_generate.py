@@ -189,6 +189,11 @@ def test_the_command_makes_and_describes_a_file(tmp_path: Path, capsys: pytest.C
     assert sorted(path.name for path in tmp_path.iterdir()) == ["some.json", "some.npz"]
 
 
+def test_the_shipped_scenes_are_described(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["generate", "--describe", "shipped"]) == 0
+    assert "4000 scenes of seed 0, 10 fps, float32, reset 2" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
