@@ -80,6 +80,16 @@ def test_the_commands_of_a_page_parse(page: Path) -> None:
             pytest.fail(f"{name(page)}: {command}")
 
 
+def test_the_index_of_decisions_has_their_titles() -> None:
+    folder = ROOT / "docs" / "decisions"
+    listed = re.findall(r"^\* \[(.+)\]\((\w+\.md)#", (folder / "index.md").read_text("utf-8"), re.MULTILINE)
+    pages = sorted(page.name for page in folder.glob("*.md") if page.name != "index.md")
+    titles = [
+        (title, page) for page in pages for title in re.findall(r"^### (.+)$", (folder / page).read_text("utf-8"), re.M)
+    ]
+    assert sorted(listed) == sorted(titles)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_the_links_and_pictures_of_a_page_exist(page: Path) -> None:
     for target in LINK.findall(FENCED.sub("", page.read_text("utf-8"))):
