@@ -36,8 +36,8 @@ CHOSEN: Final = (
     "Chosen on what: network, learner, number of updates and size of the pool on held-out generated scenes and unseen "
     "basic games; the pool's share and the numbers of the curriculum were not tuned. The temperature of the tries, 3, "
     "and how far they must differ come from trials on held-out generated scenes in which the forty games were in view; "
-    "other rules were compared on held-out scenes since and were no better. `large-pool` got the number of updates of a "
-    "trial on held-out scenes after `default` at 10 steps a second had been seen on the forty; nothing else was "
+    "other rules were compared on held-out scenes since and were no better. `large-pool` got the number of updates of "
+    "a trial on held-out scenes after `default` at 10 steps a second had been seen on the forty; nothing else was "
     "changed after any of these rows was seen."
 )
 
