@@ -53,6 +53,8 @@ FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
+Kind = Literal["held-out", "forty"]  # of rows
+KINDS: Final[tuple[Kind, ...]] = ("held-out", "forty")
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -173,7 +175,7 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConf
             settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
             if name in of_rate:
                 settings.update(_settings(of_rate[name][0]))
-            tasks.append((folder / f"forty-{fps}fps", name, settings, partial(forty_row, agent, fps, "float32")))
+            tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps, "float32")))
     if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
         return
     counted(out / COUNTER)
@@ -188,35 +190,43 @@ def _shipped(fps: int) -> tuple[TrainConfig, State]:
 
 def main(arguments: Arguments) -> None:
     """Train what is missing, play, and write the document."""
+    for name in arguments.only:
+        if name not in ROWS:
+            raise SystemExit(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
     configure()
     console, file = Console(), pool_file(arguments.root)
     tables = {fps: rows(file, fps) for fps in sorted(arguments.fps)}
     generated = load_generated(file)
-    for name in arguments.only:
-        if name not in ROWS:
-            raise SystemExit(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
     held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
     policies: dict[int, dict[str, tuple[TrainConfig, State]]] = {fps: {} for fps in tables}
+
+    def keep_held_out(fps: int, name: str, config: TrainConfig, state: State) -> None:
+        compute = partial(held_out_row, config, state, held_out)
+        kept_row(_folder(arguments.rows, "held-out", fps), name, _settings(config), compute)
+
     for fps in tables:
-        compute = partial(held_out_row, *_shipped(fps), held_out)
-        kept_row(arguments.rows / f"held-out-{fps}fps", SHIPPED, _settings(_shipped(fps)[0]), compute)
-    kinds = ("held-out", "forty") if arguments.test else ("held-out",)
+        keep_held_out(fps, SHIPPED, *_shipped(fps))
     for seed, fps in product(range(arguments.seeds), tables):
         for name, plain in tables[fps].items():
             config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
             wanted = arguments.train and (not arguments.only or name in arguments.only)
-            files = [arguments.rows / f"{kind}-{fps}fps" / f"{name}-{seed}.json" for kind in kinds]
-            if files[0].is_file():
-                read_row(files[0], _settings(with_sum(config)))  # refuses one that is out of date
-            if all(file.is_file() for file in files) or not (wanted or is_trained(folder, config)):
+            held, forty = (_folder(arguments.rows, kind, fps) / f"{name}-{seed}.json" for kind in KINDS)
+            if held.is_file():
+                read_row(held, _settings(with_sum(config)))  # refuses one that is out of date
+            known = held.is_file() and (forty.is_file() or not arguments.test)
+            if known or not (wanted or is_trained(folder, config)):
                 continue
             policies[fps][f"{name}-{seed}"] = one = trained(folder, config, console)
-            compute = partial(held_out_row, *one, held_out)
-            kept_row(arguments.rows / f"held-out-{fps}fps", f"{name}-{seed}", _settings(one[0]), compute)
+            keep_held_out(fps, f"{name}-{seed}", *one)
             _write(arguments, generated.manifest)
     if arguments.test:
         play_forty(arguments.rows, policies, arguments.out)
     _write(arguments, generated.manifest)
+
+
+def _folder(root: Path, kind: Kind, fps: int) -> Path:
+    """Folder of the rows of a kind at a rate."""
+    return root / f"{kind}-{fps}fps"
 
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
@@ -226,10 +236,7 @@ def _settings(config: TrainConfig) -> dict[str, Any]:
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
     """Write the document of the rows that are there."""
-    forty, held_out = (
-        {fps: read_rows(arguments.rows / f"{kind}-{fps}fps") for fps in sorted(RESETS)}
-        for kind in ("forty", "held-out")
-    )
+    held_out, forty = ({fps: read_rows(_folder(arguments.rows, kind, fps)) for fps in sorted(RESETS)} for kind in KINDS)
     missing = []
     for (fps, found), name in product(held_out.items(), ROWS):
         if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
