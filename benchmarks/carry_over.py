@@ -53,8 +53,8 @@ FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
-Kind = Literal["held-out", "forty"]  # of rows
-KINDS: Final[tuple[Kind, ...]] = ("held-out", "forty")
+Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
+EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -210,7 +210,7 @@ def main(arguments: Arguments) -> None:
         for name, plain in tables[fps].items():
             config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
             wanted = arguments.train and (not arguments.only or name in arguments.only)
-            held, forty = (_folder(arguments.rows, kind, fps) / f"{name}-{seed}.json" for kind in KINDS)
+            held, forty = (_folder(arguments.rows, scenes, fps) / f"{name}-{seed}.json" for scenes in EVALUATED)
             if held.is_file():
                 read_row(held, _settings(with_sum(config)))  # refuses one that is out of date
             known = held.is_file() and (forty.is_file() or not arguments.test)
@@ -224,9 +224,9 @@ def main(arguments: Arguments) -> None:
     _write(arguments, generated.manifest)
 
 
-def _folder(root: Path, kind: Kind, fps: int) -> Path:
-    """Folder of the rows of a kind at a rate."""
-    return root / f"{kind}-{fps}fps"
+def _folder(root: Path, scenes: Evaluated, fps: int) -> Path:
+    """Folder of the rows on these scenes at a rate."""
+    return root / f"{scenes}-{fps}fps"
 
 
 def _settings(config: TrainConfig) -> dict[str, Any]:
@@ -236,7 +236,9 @@ def _settings(config: TrainConfig) -> dict[str, Any]:
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
     """Write the document of the rows that are there."""
-    held_out, forty = ({fps: read_rows(_folder(arguments.rows, kind, fps)) for fps in sorted(RESETS)} for kind in KINDS)
+    held_out, forty = (
+        {fps: read_rows(_folder(arguments.rows, scenes, fps)) for fps in sorted(RESETS)} for scenes in EVALUATED
+    )
     missing = []
     for (fps, found), name in product(held_out.items(), ROWS):
         if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
