@@ -110,7 +110,6 @@ _RELATIONS: Final = OutcomeConfig(
     preset="relations",
     network="relations",
     data="large",
-    seeds=1,
     epochs=40,
     batch_size=256,
     learning_rate=2e-3,
