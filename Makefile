@@ -182,10 +182,7 @@ results-sequence: .venv/.stamp ## train every sequence model and write docs/resu
 	.venv/bin/iphyre-jax sequence compare --weights iphyre_jax/models/sequence/weights
 
 results-world: .venv/.stamp ## train the world models, three seeds each, and write docs/results/world.md; goes on where it stopped
-	for row in objects-unlimited objects-1000 objects-100 mdrnn-400 mdrnn-5000; do for seed in 0 1 2; do \
-	.venv/bin/iphyre-jax world train $$row --seed $$seed && \
-	.venv/bin/iphyre-jax world evaluate build/world/$$row-$$seed || exit 1; done; done
-	.venv/bin/iphyre-jax world evaluate $(addprefix build/world/objects-unlimited-,0 1 2) --weights iphyre_jax/models/world/weights
+	.venv/bin/iphyre-jax world compare --weights iphyre_jax/models/world/weights
 
 results-models: results-sequence results-world results-language ## all of the three above, one after the other
 

@@ -21,7 +21,7 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.execution.configuration import configure
-from iphyre_jax.files import read_json_object, replace_bytes, replace_text
+from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
@@ -36,7 +36,6 @@ from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState
 
 SEEDS: Final = 5
-PUBLISHED: Final = (runs.CONFIG, logs.FILE, runs.EVALUATION)  # of a run; scores last, for they say that it is whole
 OFFICIAL: Final = (
     "The official stack: 200 iterations of 4,000 episodes of 150 steps, at a measured 43.6 us a step, take 5,200 s of "
     "simulation alone. Ours: everything counts, compilation too (but not in the last column)."
@@ -135,9 +134,7 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
     else:
         state = finished_run(folder, config, console)
         runs.write_evaluation(folder, config, evaluate(config, state.learner, PLAYED), int(state.update))
-    published.mkdir(parents=True, exist_ok=True)
-    for name in PUBLISHED:
-        replace_bytes(published / name, (folder / name).read_bytes())
+    runs.publish(folder, published)
     return True
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -15,6 +16,7 @@ from iphyre_jax.models.outcome import compare, storage
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, play_sets
 from iphyre_jax.models.outcome.report import TITLES, cell
 from iphyre_jax.models.settings import row_of
+from iphyre_jax.models.storage import Comparison
 
 ROOT = Path("build/outcome")
 
@@ -73,21 +75,18 @@ def run(command: ClassifierCommand, console: Console) -> int:
 def _run(action: Train | Evaluate | Compare, console: Console) -> None:
     """Run one of the three."""
     if isinstance(action, Compare):
-        compare.compare(compare.Comparison(action.root, action.out, action.weights), console, action.only)
+        compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
         return
     if isinstance(action, Train):
         config = row_of(compare.ROWS, action.row)
         sets = play_sets(action.root / "data", console)
-        compare.make_row(compare.Comparison(action.root), config, sets, console)
-        folder = action.root / config.name
+        _print(compare.make_row(action.root, config, sets, console), console)
     else:
-        folder = action.run
-    _print(folder, console)
+        _print(storage.RUNS.read_evaluation(action.run), console)
 
 
-def _print(folder: Path, console: Console) -> None:
-    """Print the accuracy of an evaluated run on each column."""
-    evaluation = storage.RUNS.read_evaluation(folder)
+def _print(evaluation: Mapping[str, Any], console: Console) -> None:
+    """Print the accuracy of an evaluated row on each column."""
     say(console, f"{evaluation['row']}: accuracy %, 60 fps, fresh space, float64")
     for column in COLUMNS:
         if column in evaluation["columns"]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -15,6 +16,7 @@ from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.models.sequence import compare, report, storage
 from iphyre_jax.models.settings import row_of
+from iphyre_jax.models.storage import Comparison
 from iphyre_jax.scenes import GAMES, SPLITS
 
 ROOT = Path("build/sequence")
@@ -75,15 +77,13 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
     """Run one of the three."""
     if isinstance(action, Compare):
         best = {fps: best_known(fps) for fps in oracle.RATES}
-        compare.compare(compare.Comparison(action.root, action.out, action.weights, best), console, action.only)
+        compare.compare(Comparison(action.root, action.out, action.weights), best, console, action.only)
         return
     if isinstance(action, Train):
         config = row_of(compare.ROWS, action.row)
-        compare.make_row(compare.Comparison(action.root), config, console)
-        folder = action.root / config.name
+        _print(compare.make_row(action.root, config, console), console)
     else:
-        folder = action.run
-    _print(folder, console)
+        _print(storage.RUNS.read_evaluation(action.run), console)
 
 
 def best_known(fps: int) -> dict[str, tuple[float, float]]:
@@ -98,9 +98,8 @@ def best_known(fps: int) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _print(folder: Path, console: Console) -> None:
-    """Print the mean reward of an evaluated run on each split."""
-    evaluation = storage.RUNS.read_evaluation(folder)
+def _print(evaluation: Mapping[str, Any], console: Console) -> None:
+    """Print the mean reward of an evaluated row on each split."""
     say(console, f"{evaluation['row']}: mean reward / solved %, {evaluation['settings']['fps']} fps, float64")
     for mode in report.MODES:
         if mode in evaluation["modes"]:

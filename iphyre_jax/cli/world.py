@@ -15,9 +15,11 @@ from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
+from iphyre_jax.models.storage import Comparison
 from iphyre_jax.models.world import compare, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.metrics import HORIZONS
+from iphyre_jax.models.world.planning import PLANS, TRIES
 from iphyre_jax.models.world.report import TITLES
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import load_scene
@@ -39,19 +41,25 @@ class Train:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Measure runs, or what is left to measure, and write the report."""
+    """Measure a run, or what is left to measure; it may be under way."""
 
-    run: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]], option("RUN ...", "Run folders.", "none: the report alone")
-    ] = ()
+    run: Annotated[tyro.conf.Positional[Path], option("RUN", "The run folder.")]
+    plans: int = PLANS
+    """Plans that are imagined for each game; 0: do not plan."""
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Train every run that is missing, three seeds of each row, and write the report after each."""
+
     root: Path = ROOT
-    """Folder of all runs that the report shows."""
+    """Folder of the runs."""
     out: Path = Path("docs/results/world.md")
     """The document."""
-    plans: int = 300
-    """Plans that are imagined for each game; 0: do not plan."""
+    only: tuple[str, ...] = ()
+    """Rows to train, by name; by default all."""
     weights: Path | None = None
-    """Folder for the best of these runs, as it ships; by default they stay in the run folders alone."""
+    """Folder for the best seed of the row that ships; by default it stays in its run folder alone."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,7 @@ class WorldCommand:
     action: Annotated[
         Annotated[Train, tyro.conf.subcommand("train")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+        | Annotated[Compare, tyro.conf.subcommand("compare")]
         | Annotated[PlanInModel, tyro.conf.subcommand("plan")],
         tyro.conf.arg(name=""),
     ]
@@ -90,32 +99,37 @@ def run(command: WorldCommand, console: Console) -> int:
     return resumable(lambda: _run(command.action, console), console)
 
 
-def _run(action: Train | Evaluate | PlanInModel, console: Console) -> None:
-    """Run one of the three."""
+def _run(action: Train | Evaluate | Compare | PlanInModel, console: Console) -> None:
+    """Run one of the four."""
     if isinstance(action, Train):
         config = compare.row_settings(action.row, action.seed)
         runs.train(action.root / config.name, config, console)
     elif isinstance(action, Evaluate):
         _evaluate(action, console)
+    elif isinstance(action, Compare):
+        compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
     else:
         _plan(action, console)
 
 
 def _evaluate(action: Evaluate, console: Console) -> None:
     check_whole("plans", action.plans, 0)
-    for folder in action.run:
-        found = compare.evaluate(folder, action.plans, console)
-        for column, measures in found["columns"].items():
-            errors = " ".join(f"{value:.2f}" for value in measures["median error px"]["model"])
-            right = 100 * measures["outcomes"]["right"]
-            seconds = " ".join(f"{horizon / 10:g}" for horizon in HORIZONS)
-            say(
-                console,
-                f"{folder.name}: {TITLES[column]}: px after {seconds} s: {errors}; outcomes right {right:.0f} %",
-            )
-    if action.weights is not None:
-        say(console, f"{action.weights}: {', '.join(compare.ship(action.run, action.weights))}")
-    compare.write_report(action.root, action.out)
+    found = compare.evaluate(action.run, action.plans, console)
+    seconds = " ".join(f"{horizon / 10:g}" for horizon in HORIZONS)
+    for column, measures in found["columns"].items():
+        errors = " ".join(f"{value:.2f}" for value in measures["median error px"]["model"])
+        right = 100 * measures["outcomes"]["right"]
+        say(console, f"{TITLES[column]}: px after {seconds} s: {errors}; outcomes right {right:.0f} %")
+    if found["planning"]:
+        reward, solved = (
+            [np.mean([split[key][tries] for split in found["planning"].values()]) for tries in range(2)]
+            for key in ("reward", "solved")
+        )
+        say(
+            console,
+            f"best of {action.plans} imagined plans: first {reward[0]:.0f} points, {100 * solved[0]:.0f} % solved; "
+            f"best of {TRIES}: {reward[1]:.0f}, {100 * solved[1]:.0f} %",
+        )
 
 
 def _plan(action: PlanInModel, console: Console) -> None:

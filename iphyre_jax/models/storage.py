@@ -26,6 +26,7 @@ from iphyre_jax.train.storage.weights import restored, verify_sum
 
 VERSION: Final = 1
 CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
+BEST: Final = "best"  # folder of the best seed of a row, as it ships, in its run folder
 
 Params = Any  # a network's tree of arrays
 
@@ -75,6 +76,17 @@ class RunFolders(Generic[S]):
             raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
         return settings_of(self.kind, read_versioned(file, self.schema, (VERSION,)).get("settings"), str(file))
 
+    def read_published(self, folder: Path, config: S) -> dict[str, Any] | None:
+        """The evaluation of a run with these settings that `runs.publish` put into a folder; None if there is none.
+
+        Raises:
+            ValueError: one line naming the file and what is wrong with it.
+        """
+        if not (folder / EVALUATION).is_file():
+            return None
+        found = self.read_evaluation(folder)
+        return found if found.get("settings") == config.to_json() else None
+
     def read_evaluation(self, folder: Path) -> dict[str, Any]:
         """The evaluation of a run.
 
@@ -85,6 +97,26 @@ class RunFolders(Generic[S]):
         if not file.is_file():
             raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
         return read_versioned(file, self.schema, (VERSION,))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Where the rows of a document are trained, and what of them is kept.
+
+    Attributes:
+        root: folder of the run folders and of the data sets.
+        out: the document.
+        weights: folder for the best model of each row that ships; None to ship nothing.
+    """
+
+    root: Path
+    out: Path
+    weights: Path | None = None
+
+    @property
+    def published(self) -> Path:
+        """Folder of what is published of each run, beside the document; a run that is there is not trained again."""
+        return self.out.parent / "models" / self.out.stem
 
 
 @dataclass(frozen=True)

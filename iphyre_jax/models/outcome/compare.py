@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +17,7 @@ from iphyre_jax.models.outcome import baselines, report, runs, storage
 from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
 from iphyre_jax.models.outcome.plays.sets import (
+    TRAINED,
     PlaySets,
     judged_plays,
     learned_plays,
@@ -24,10 +25,10 @@ from iphyre_jax.models.outcome.plays.sets import (
     play_sets,
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
-from iphyre_jax.models.outcome.training import OutcomeState
-from iphyre_jax.models.storage import EVALUATION
+from iphyre_jax.models.storage import BEST, Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.storage.runs import publish
 
 ROWS: Final = {
     config.name: config
@@ -41,49 +42,35 @@ AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations")  # r
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
 SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")
-BASELINES: Final = "baselines.json"
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Where a comparison reads and writes.
-
-    Attributes:
-        root: folder of the run folders and of the data sets.
-        out: the document.
-        weights: folder for the best network of each row of AGENTS; None to ship nothing.
-    """
-
-    root: Path = Path("build/outcome")
-    out: Path = Path("docs/results/outcome.md")
-    weights: Path | None = None
-
-
-def make_row(
-    where: Comparison, config: OutcomeConfig, sets: PlaySets, console: Console
-) -> tuple[OutcomeState | None, dict[str, Any]]:
-    """Train and evaluate a row, or what is left of it.
-
-    Returns:
-        The state, None if the row was done before, and its evaluation.
-    """
-    folder = where.root / config.name
-    if (folder / EVALUATION).is_file():
-        found = storage.RUNS.read_evaluation(folder)
-        if found.get("settings") == config.to_json():
-            return None, found
-    learned, varied = learned_plays(sets, config.data, where.root / "data", console)
+def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console) -> dict[str, Any]:
+    """Train and evaluate a row in its run folder, or what is left of that; its evaluation."""
+    folder = root / config.name
+    learned, held_out = learned_plays(sets, config.data, root / "data", console)
     state = runs.train(folder, config, learned, sets.choose, console)
-    judged = judged_plays(sets, learned, varied)
+    judged = judged_plays(sets, learned, held_out)
     evaluation = runs.evaluate(folder, config, state, judged, natural_rates(sets.official))
-    storage.save_classifier(runs.shipped(config, state, evaluation), folder / "best")
-    return state, evaluation
+    storage.save_classifier(runs.shipped(config, state, evaluation), folder / BEST)
+    return evaluation
+
+
+def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, console: Console) -> dict[str, Any]:
+    """The evaluation of a row that is published; if there is none yet, `make_row` and publish it."""
+    published = where.published / config.name
+    if (known := storage.RUNS.read_published(published, config)) is not None:
+        return known
+    evaluation = make_row(where.root, config, sets, console)
+    if where.weights is not None and config.name in AGENTS:
+        storage.save_classifier(_best(where.root, config.name), where.weights)
+    publish(where.root / config.name, published)
+    return evaluation
 
 
 def baseline_rows(sets: PlaySets) -> dict[str, dict[str, Any]]:
     """Rows that need no network."""
-    learned = learned_plays(sets, "official", Path(), Console(quiet=True))[0]
-    judged = judged_plays(sets, learned, learned.select(np.zeros(len(learned), bool)))
+    judged = judged_plays(sets, *learned_plays(sets, "official", Path(), Console(quiet=True)))
+    learned = judged[TRAINED]
     rates = natural_rates(sets.official)
 
     def row(judge: Any) -> dict[str, Any]:  # noqa: ANN401 - a function from plays to chances
@@ -102,18 +89,24 @@ def baseline_rows(sets: PlaySets) -> dict[str, dict[str, Any]]:
     }
 
 
-def play_agent(where: Comparison, name: str, agent: Agent, console: Console) -> Row:
-    """Shares solved within 1, ..., k attempts by split, and by game in "games"; kept in a file beside the runs."""
+def play_agent(where: Comparison, name: str, of: Mapping[str, Any], agent: Callable[[], Agent]) -> Row:
+    """Shares solved within 1, ..., k attempts by split, and by game in "games"; kept in a file beside the runs.
+
+    Args:
+        where: folders.
+        name: of the row.
+        of: what decides the agent, JSON values.
+        agent: gives the agent, if it has to play.
+    """
 
     def play() -> Row:
-        with console.status(f"{name} plays {len(GAMES)} games"):
-            shares = solved_within(agent, GAMES, ATTEMPTS, REPEATS)
+        shares = solved_within(agent(), GAMES, ATTEMPTS, REPEATS)
         by_game = dict(zip(GAMES, shares, strict=True))
         by_split = {split: np.mean([by_game[game] for game in SPLITS[split]], axis=0) for split in SPLITS_PLAYED}
         found = {split: share.tolist() for split, share in by_split.items()}
         return {**found, "games": {game: share.tolist() for game, share in by_game.items()}}
 
-    return kept_row(where.root / "agents", name, {"attempts": ATTEMPTS, "repeats": REPEATS}, play)
+    return kept_row(where.published / "agents", name, {"attempts": ATTEMPTS, "repeats": REPEATS, **of}, play)
 
 
 def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
@@ -131,19 +124,26 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     sets = play_sets(where.root / "data", console)
     found: dict[str, dict[str, Any]] = baseline_rows(sets)
     facts = {"dependence of the inputs on the outcome": _dependence(sets.official), **provenance_facts()}
-    agents: dict[str, Row] = {"random plans": play_agent(where, "random", draw_randomly, console)}
+    agents: dict[str, Row] = {"random plans": play_agent(where, "random", {}, lambda: draw_randomly)}
     for name, config in ROWS.items():
         if name in wanted:
-            found[name] = make_row(where, config, sets, console)[1]
-        elif (where.root / name / EVALUATION).is_file():
-            found[name] = storage.RUNS.read_evaluation(where.root / name)
+            found[name] = published_row(where, config, sets, console)
+        elif (known := storage.RUNS.read_published(where.published / name, config)) is not None:
+            found[name] = known
         if name in found and name in AGENTS:
-            best = storage.load_classifier(name, where.root / name / "best")
-            if where.weights is not None:
-                storage.save_classifier(best, where.weights)
-            agents[name] = play_agent(where, name, ranking_agent(best), console)
+            with console.status(f"{name} plays {len(GAMES)} games"):
+                ranking = partial(_ranking, where.root, name)
+                agents[name] = play_agent(where, name, {"settings": config.to_json()}, ranking)
         report.write(where.out, found, agents, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")
+
+
+def _best(root: Path, name: str) -> storage.OutcomeClassifier:
+    return storage.load_classifier(name, root / name / BEST)
+
+
+def _ranking(root: Path, name: str) -> Agent:
+    return ranking_agent(_best(root, name))
 
 
 def _dependence(plays: Dataset) -> str:

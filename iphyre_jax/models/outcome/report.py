@@ -51,6 +51,7 @@ learn from, unless the column says so.
   added blocks.
 * "plan" sees only the plan, "scene" only the scene. Counting judges by the number of removals.
 * Mean over seeds ± standard deviation. One row of the paper is one run.
+* `models/outcome/`, beside this page, has settings, log and scores of each row.
 """
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,9 +13,10 @@ from iphyre_jax.checks import check_option
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
-from iphyre_jax.models.storage import EVALUATION
+from iphyre_jax.models.storage import BEST, Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
+from iphyre_jax.train.storage.runs import publish
 
 _OURS: Final = settings("ours")
 _LARGE: Final = dataclasses.replace(_OURS, data="large", updates=1000)
@@ -35,40 +35,31 @@ ROWS: Final = {
 SHIPPED: Final = ("ours-in-advance-large",)
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Where a comparison reads and writes.
-
-    Attributes:
-        root: folder of the run folders and of the data sets.
-        out: the document.
-        weights: folder for the best model of each row of SHIPPED; None to ship nothing.
-        best: mean reward and share solved of the best known plans by rate and split, to stand beside the rows.
-    """
-
-    root: Path = Path("build/sequence")
-    out: Path = Path("docs/results/sequence.md")
-    weights: Path | None = None
-    best: Mapping[int, Mapping[str, tuple[float, float]]] = dataclasses.field(default_factory=dict)
-
-
-def make_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
-    """Train and evaluate a row, or what is left of it; its evaluation."""
-    folder = where.root / config.name
-    if (folder / EVALUATION).is_file():
-        found = storage.RUNS.read_evaluation(folder)
-        if found.get("settings") == config.to_json():
-            return found
-    data, plays = sets.learned_episodes(config, where.root / "data", console)
+def make_row(root: Path, config: SequenceConfig, console: Console) -> dict[str, Any]:
+    """Train and evaluate a row in its run folder, or what is left of that; its evaluation."""
+    folder = root / config.name
+    data, plays = sets.learned_episodes(config, root / "data", console)
     state = runs.train(folder, config, data, plays, console)
     with console.status(f"{config.name} plays"):
         found = runs.evaluate(folder, config, state)
-    storage.save_model(runs.shipped(config, state, found), folder / "best")
+    storage.save_model(runs.shipped(config, state, found), folder / BEST)
+    return found
+
+
+def published_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
+    """The evaluation of a row that is published; if there is none yet, `make_row` and publish it."""
+    published = where.published / config.name
+    if (known := storage.RUNS.read_published(published, config)) is not None:
+        return known
+    found = make_row(where.root, config, console)
+    if where.weights is not None and config.name in SHIPPED:
+        storage.save_model(storage.load_model(config.name, where.root / config.name / BEST), where.weights)
+    publish(where.root / config.name, published)
     return found
 
 
 def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Row]:
-    """Rows that learn nothing, at the rate of a row; each is kept in a file beside the runs."""
+    """Rows that learn nothing, at the rate of a row; each is kept in a file beside the published runs."""
     protocol = config.protocol
 
     def nearest() -> evaluation.Result:
@@ -79,16 +70,22 @@ def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[
         "random plans": lambda: evaluation.randomly(protocol),
         "nearest neighbour": nearest,
     }
-    folder, settings = where.root / f"bounds-{config.fps}fps", {"fps": config.fps}
+    folder, settings = where.published / f"bounds-{config.fps}fps", {"fps": config.fps}
     with console.status(f"bounds at {config.fps} steps a second"):
         return {name: kept_row(folder, name.replace(" ", "-"), settings, make) for name, make in makers.items()}
 
 
-def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
+def compare(
+    where: Comparison,
+    best: Mapping[int, Mapping[str, tuple[float, float]]],
+    console: Console,
+    only: Sequence[str] = (),
+) -> None:
     """Train what is missing, row by row, and write the document after each.
 
     Args:
         where: folders.
+        best: mean reward and share solved of the best known plans by rate and split, to stand beside the rows.
         console: for progress.
         only: names of rows; by default all.
 
@@ -100,16 +97,13 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     facts = provenance_facts()
     below: dict[int, dict[str, Row]] = {}
     for name, config in ROWS.items():
-        folder = where.root / name
         if name in wanted:
-            found[name] = make_row(where, config, console)
-        elif (folder / EVALUATION).is_file():
-            found[name] = storage.RUNS.read_evaluation(folder)
+            found[name] = published_row(where, config, console)
+        elif (known := storage.RUNS.read_published(where.published / name, config)) is not None:
+            found[name] = known
         if name not in found:
             continue
         if config.fps not in below:
             below[config.fps] = bounds(where, config, console)
-        if name in SHIPPED and where.weights is not None:
-            storage.save_model(storage.load_model(name, folder / "best"), where.weights)
-        report.write(where.out, found, below, where.best, [row for row in ROWS if row not in found], facts)
+        report.write(where.out, found, below, best, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")

@@ -41,6 +41,7 @@ return of {ASKED} of 1000 points and plays. Mean reward / games solved, %.
 * Nearest neighbour plays solving plans of the most similar basic game; on basic that is a game's own solution. Random
   plans are the first {RANDOM} official ones of each game, played now.
 * Mean over seeds ± standard deviation over seeds; a row says how many there are.
+* `models/sequence/`, beside this page, has settings, log and scores of each row.
 """
 
 

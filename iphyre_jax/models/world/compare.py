@@ -1,26 +1,31 @@
-"""The rows of docs/results/world.md: evaluate what is trained, row by row, and write the document."""
+"""Every run of docs/results/world.md, one after the other; goes on where it stopped."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 
+from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.settings import row_of
-from iphyre_jax.models.storage import EVALUATION, VERSION
+from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import report, storage
 from iphyre_jax.models.world.metrics import COLUMNS, measured
-from iphyre_jax.models.world.planning import PLANNED, model_planner, planned, planning_bounds, read_bounds
+from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
+from iphyre_jax.models.world.runs import train
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.scenes import SPLITS
+from iphyre_jax.train.storage.runs import publish
 
 SEEDS: Final = (0, 1, 2)
+SHIPPED: Final = "objects-unlimited"
 CHOSEN_ON: Final = "unseen_basic"  # games with which the best seed is chosen
 # The paper's batches are of 128 windows; 5,000 steps of 16 are within reach of two cores.
 _MDRNN: Final = WorldConfig(model="mdrnn", data="1000", learning_rate=1e-3, steps=400, batch_size=128, chunk=20)
@@ -70,9 +75,6 @@ def evaluate(folder: Path, plans: int, console: Console) -> dict[str, Any]:
             with console.status(f"{folder.name}: plans in {split}"):
                 content["planning"][split] = planned(model_planner(model, plans), SPLITS[split], plans)
             replace_json(folder / EVALUATION, content)
-    if plans:
-        with console.status("planners beside it"):
-            planning_bounds(folder.parent, plans)
     return content
 
 
@@ -117,30 +119,51 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     }
 
 
-def missing(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
-    """Names of the runs that have no evaluation at their last step."""
-    done = {
-        (name, run["settings"]["seed"])
-        for name, runs in found.items()
-        for run in runs
-        if run["steps"] == run["settings"]["steps"]
-    }
-    return [f"{name}-{seed}" for name in ROWS for seed in SEEDS if (name, seed) not in done]
+def publish_run(where: Comparison, config: WorldConfig, console: Console) -> None:
+    """Train, measure and publish a run, or what is left of that."""
+    folder, published = where.root / config.name, where.published / config.name
+    if storage.RUNS.read_published(published, config) is None:
+        train(folder, config, console)
+        evaluate(folder, PLANS, console)
+        publish(folder, published)
 
 
-def write_report(root: Path, out: Path) -> None:
-    """Write the document from the evaluations of the runs in a folder.
+def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
+    """Train what is missing, seed by seed, and write the document after each run.
+
+    Args:
+        where: folders.
+        console: for progress.
+        only: names of rows; by default all.
 
     Raises:
-        FileNotFoundError, ValueError: one line; there is none, or one is damaged.
+        ValueError: one line; there is no such row, or a folder holds another run.
     """
-    files = sorted(root.glob(f"*/{EVALUATION}"))
+    wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
+    for seed, name in product(SEEDS, wanted):
+        publish_run(where, row_settings(name, seed), console)
+        write_report(where)
+    if where.weights is not None:
+        folders = [where.root / row_settings(SHIPPED, seed).name for seed in SEEDS]
+        if all((folder / EVALUATION).is_file() for folder in folders):
+            ship(folders, where.weights)
+    console.print(f"Written: {where.out}")
+
+
+def write_report(where: Comparison) -> None:
+    """Write the document of the runs that are published.
+
+    Raises:
+        ValueError: one line; a file is damaged.
+    """
     found: dict[str, list[dict[str, Any]]] = {}
-    for name in ROWS:
-        runs = [file.parent for file in files if file.parent.name.rpartition("-")[0] == name]
-        if runs:
-            found[name] = [storage.RUNS.read_evaluation(folder) for folder in runs]
-    if not found:
-        raise FileNotFoundError(f"{root}: expected evaluated runs, found none")
-    facts = provenance_facts()
-    report.write(out, found, read_bounds(root), missing(found), facts)
+    missing = []
+    for name, seed in product(ROWS, SEEDS):
+        config = row_settings(name, seed)
+        known = storage.RUNS.read_published(where.published / config.name, config)
+        if known is None:
+            missing.append(config.name)
+        else:
+            found.setdefault(name, []).append(known)
+    bounds = planning_bounds(where.published / "bounds", PLANS)
+    report.write(where.out, found, bounds, missing, provenance_facts())

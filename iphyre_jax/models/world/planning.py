@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly
 from iphyre_jax.attempts.planner import Planner
 from iphyre_jax.attempts.protocol import Agent, attempts
-from iphyre_jax.files import read_versioned, replace_json
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.interface import falls_until_contact
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
-from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import SPLITS
 
 PLANNED: Final = ("basic", "noisy", "compositional", "multi_ball")
 TRIES: Final = 5  # the first, and the best of so many
 SEED: Final = 0  # of the drawn plans, the same ones for each model and each planner
+PLANS: Final = 300  # that are imagined for each game
 DISPLACED: Final = 2.0  # px
-BOUNDS_FILE: Final = "planning-bounds.json"
-SCHEMA: Final = "iphyre_jax/world-planning-bounds"
-VERSION: Final = 1
 
 
 def model_planner(model: WorldModel, plans: int) -> Agent:
@@ -64,23 +62,18 @@ def planned(agent: Agent, games: Sequence[str], plans: int) -> dict[str, Any]:
     }
 
 
-def planning_bounds(folder: Path, plans: int) -> dict[str, dict[str, Any]]:
-    """What `bounding_agents` reach, by name and split; kept in a file of the folder, only what is missing is played.
+def planning_bounds(folder: Path, plans: int) -> dict[str, Row]:
+    """What `bounding_agents` reach, by name and split; each is kept in a file of the folder.
 
     Raises:
-        ValueError, OSError: one line; the file is damaged or cannot be written.
+        ValueError, OSError: one line; a file is damaged, has other settings, or cannot be written.
     """
-    rows = read_bounds(folder)
-    for name, agent in bounding_agents(plans).items():
-        for split in PLANNED:
-            if rows.setdefault(name, {}).get(split, {}).get("plans") != plans:
-                rows[name][split] = planned(agent, SPLITS[split], plans)
-                content = {"schema": SCHEMA, "version": VERSION, "rows": rows, "origin": provenance()}
-                replace_json(folder / BOUNDS_FILE, content)
-    return rows
+    settings = {"plans": plans, "attempts": TRIES, "seed": SEED}
 
+    def row(agent: Agent) -> Row:
+        return {split: planned(agent, SPLITS[split], plans) for split in PLANNED}
 
-def read_bounds(folder: Path) -> dict[str, dict[str, Any]]:
-    """What was played so far; nothing if there is no file. Errors as those of `planning_bounds`."""
-    file = folder / BOUNDS_FILE
-    return dict(read_versioned(file, SCHEMA, (VERSION,))["rows"]) if file.is_file() else {}
+    return {
+        name: kept_row(folder, name.replace(",", "").replace(" ", "-"), settings, partial(row, agent))
+        for name, agent in bounding_agents(plans).items()
+    }

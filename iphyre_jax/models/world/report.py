@@ -23,7 +23,7 @@ TITLES: Final = {
 }
 ABOUT: Final = """# World models
 
-Written by `iphyre-jax world evaluate`; do not edit. What will the scene look like 0.1 s later, and how does a plan end
+Written by `make results-world`; do not edit. What will the scene look like 0.1 s later, and how does a plan end
 that is only imagined?
 
 * Plays: 60 steps a second, rule "simulate", fresh space (reset 1), random plans of the official distribution. Learned
@@ -33,6 +33,7 @@ that is only imagined?
 * Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. Plays are judged in float32,
   planned attempts in float64.
 * Mean over seeds ± standard deviation; a row without ± has one seed.
+* `models/world/`, beside this page, has settings, log and scores of each row.
 """
 
 Evaluations = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -120,9 +121,8 @@ def runs_table(evaluations: Evaluations) -> str:
     rows = []
     for name, runs in evaluations.items():
         seeds = " ".join(str(run["settings"]["seed"]) for run in runs)
-        steps = " ".join(f"{run['steps']}/{run['settings']['steps']}" for run in runs)
-        rows.append([name, seeds, steps])
-    return markdown_table(["row", "seeds", "gradient steps made / asked for"], rows)
+        rows.append([name, seeds, str(runs[0]["steps"])])
+    return markdown_table(["row", "seeds", "gradient steps"], rows)
 
 
 def write(

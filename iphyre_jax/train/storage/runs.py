@@ -14,18 +14,19 @@ from pathlib import Path
 from typing import Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import LOCK, read_json_object, replace_json, replace_text
+from iphyre_jax.files import LOCK, read_json_object, replace_bytes, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import checkpoint
+from iphyre_jax.train.storage import checkpoint, logs
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
 VERSION: Final = 3  # version 2 has the names of `old_names`
 CONFIG, EVALUATION = "config.json", "evaluation.json"
+PUBLISHED: Final = (CONFIG, logs.FILE, EVALUATION)  # of an evaluated run; scores last, for they say that it is whole
 
 
 def default_path(config: TrainConfig, root: Path = Path("runs")) -> Path:
@@ -58,6 +59,17 @@ def create(path: Path, config: TrainConfig) -> None:
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
     replace_json(path / CONFIG, {**content, "started": started, **provenance()})
+
+
+def publish(path: Path, published: Path) -> None:
+    """Copy settings, log and scores of an evaluated run to a folder.
+
+    Raises:
+        OSError: a file cannot be read or written.
+    """
+    published.mkdir(parents=True, exist_ok=True)
+    for name in PUBLISHED:
+        replace_bytes(published / name, (path / name).read_bytes())
 
 
 def read_config(path: Path) -> TrainConfig:

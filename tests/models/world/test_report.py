@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from iphyre_jax.files import replace_json
-from iphyre_jax.models.storage import EVALUATION, VERSION
+from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, report, storage
 from iphyre_jax.models.world.metrics import BOUNDS, HORIZONS
 
@@ -36,18 +36,16 @@ def _played(first: float) -> dict[str, Any]:
     return {"reward": [first, 900.0], "solved": [0.5, 1.0], "plans": 300}
 
 
-def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path) -> None:
+def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "planned", lambda agent, games, plans: _played(950.0))
+    where = Comparison(tmp_path, tmp_path / "world.md")
     for seed, first in ((0, 400.0), (2, 600.0)):
-        (tmp_path / f"objects-100-{seed}").mkdir()
-        replace_json(tmp_path / f"objects-100-{seed}" / EVALUATION, _evaluation(seed, first))
-    bounds = {"planner, exact simulator": {split: _played(950.0) for split in planning.PLANNED}}
-    replace_json(
-        tmp_path / planning.BOUNDS_FILE,
-        {"schema": planning.SCHEMA, "version": planning.VERSION, "rows": bounds},
-    )
-    compare.write_report(tmp_path, tmp_path / "world.md")
-    text = (tmp_path / "world.md").read_text()
-    assert "| objects-100 | 0 2 | 2000/2000 2000/2000 |" in text
+        folder = where.published / f"objects-100-{seed}"
+        folder.mkdir(parents=True)
+        replace_json(folder / EVALUATION, _evaluation(seed, first))
+    compare.write_report(where)
+    text = where.out.read_text()
+    assert "| objects-100 | 0 2 | 2000 |" in text
     assert "objects-100-1" in text
     assert "objects-100-2" not in text
     assert "| objects-100 | 2.00 ± 1.00 |" in text  # errors of 1 and 3 px
@@ -67,10 +65,10 @@ def test_a_bound_is_played_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(planning, "planned", play)
     rows = planning.planning_bounds(tmp_path, 7)
     assert len(games) == 40 * len(rows)
-    assert planning.planning_bounds(tmp_path, 7) == rows == planning.read_bounds(tmp_path)
+    assert planning.planning_bounds(tmp_path, 7) == rows
     assert len(games) == 40 * len(rows)
-    planning.planning_bounds(tmp_path, 8)
-    assert len(games) == 80 * len(rows)
+    with pytest.raises(ValueError, match="settings: expected"):
+        planning.planning_bounds(tmp_path, 8)
 
 
 def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,7 +90,5 @@ def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         compare.ship(folders, tmp_path)
 
 
-def test_a_report_needs_evaluations(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="expected evaluated runs, found none"):
-        compare.write_report(tmp_path, tmp_path / "world.md")
+def test_a_cell_without_seeds_is_empty() -> None:
     assert report.cell([]) == "-"
