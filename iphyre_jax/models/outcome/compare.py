@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -36,9 +37,10 @@ ROWS: Final = {
         *(settings("paper", name) for name in ("global", "object", "vision", "plan", "scene")),
         *(settings("clean", name) for name in ("global", "object", "vision", "plan", "scene")),
         settings("relations"),
+        dataclasses.replace(settings("relations"), data="generated"),
     )
 }
-AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations")  # rows that ship, and play
+AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations", "relations-generated")  # these ship
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
 SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")

@@ -10,7 +10,7 @@ from iphyre_jax.checks import check_flag, check_option, check_positive, check_wh
 
 NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations"]
 PresetName = Literal["paper", "clean", "relations"]
-DataName = Literal["official", "large"]
+DataName = Literal["official", "large", "generated"]
 
 NETWORKS: Final = get_args(NetworkName)
 PRESETS: Final = get_args(PresetName)
@@ -25,7 +25,8 @@ class OutcomeConfig:
     Attributes:
         preset: where the settings come from.
         network: "global", "object" and "vision" are the paper's; "plan" and "scene" see only one of the two inputs.
-        data: "official", 50 solved and 50 failed plans of each basic game; "large", thousands, and variations.
+        data: "official", 50 solved and 50 failed plans of each basic game; "large", thousands, and variations;
+            "generated", those and generated scenes.
         seeds: networks, with seeds 0, 1, ...
         epochs: passes over the plays.
         batch_size: plays in a step.
@@ -88,8 +89,10 @@ class OutcomeConfig:
 
     @property
     def name(self) -> str:
-        """Of the row: "paper-global"."""
-        return self.preset if self.network == "relations" else f"{self.preset}-{self.network}"
+        """Of the row: "paper-global", "relations-generated"."""
+        if self.network == "relations":
+            return f"{self.preset}-generated" if self.data == "generated" else self.preset
+        return f"{self.preset}-{self.network}"
 
     def to_json(self) -> dict[str, Any]:
         """The settings as a JSON object."""

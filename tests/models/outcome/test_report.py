@@ -46,8 +46,8 @@ def test_document(tmp_path: Path) -> None:
     report.write(tmp_path / "outcome.md", rows, agents, ["relations"], {"commit": "abc"})
     text = (tmp_path / "outcome.md").read_text()
     accuracy = report.cell(rows["paper-global"]["columns"]["noisy"]["accuracy"])
-    assert f"| paper-global | 7 | - | - | - | - | {accuracy} | - | - |" in text
-    assert "| paper: Global Fusion | - | 87.5 | - | - | - | 59.8 | 57.0 | 56.7 |" in text
+    assert f"| paper-global | 7 | - | - | - | - | - | {accuracy} | - | - |" in text
+    assert "| paper: Global Fusion | - | 87.5 | - | - | - | - | 59.8 | 57.0 | 56.7 |" in text
     assert "Not trained yet: relations." in text
     assert "| random plans | 25 / 50 | 25 / 50 | 25 / 50 | 25 / 50 |" in text
     assert "## Noisy" in text

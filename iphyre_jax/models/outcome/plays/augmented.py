@@ -1,14 +1,15 @@
-"""Plays of varied scenes to learn from: templates of the basic games only, with blocks in the way of any kind.
+"""Plays of other scenes to learn from: variations of the basic games, and generated scenes.
 
 A variation is mirrored, shifted, stretched and jittered, and has up to three more blocks at random places, of which
-some can be removed. Each scene is played with random plans of the official distribution, then with neighbours of those
-that solved it: what they tell is where a solution ends.
+some can be removed. Generated scenes are those that ship. Each scene is played with random plans of the official
+distribution, then with neighbours of those that solved it: what they tell is where a solution ends.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,7 @@ from rich.console import Console
 from iphyre_jax.attempts import agents
 from iphyre_jax.data.collection import Recipe, build
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_entry
+from iphyre_jax.data.generated.pool import SHIPPED, load_generated
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import label_plans
 from iphyre_jax.rules import DECISIONS_PER_SECOND
@@ -26,7 +28,8 @@ from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
 from iphyre_jax.train.scenes import variations
 
 SCENES: Final = 1200  # variations of each game
-PLANS: Final = 24  # random plans of each scene
+PLANS: Final = 24  # random plans of each variation
+GENERATED_PLANS: Final = 96  # of each generated scene; under 4 % of them solve a quarter of the scenes
 NEIGHBOURS: Final = 8  # on average, plans near solutions of each scene
 ADDED: Final = 3  # blocks at most
 REMOVABLE: Final = 0.6  # chance that an added block can be removed, if there are slots left
@@ -85,7 +88,18 @@ def collect_game(
     game: str, *, scenes: int = SCENES, plans: int = PLANS, near: int = NEIGHBOURS, seed: int = 0
 ) -> Dataset:
     """Play variations of a game with random plans and with neighbours of the solutions found."""
-    varied = scenes_of(game, scenes, seed)
+    return collect_scenes(scenes_of(game, scenes, seed), plans, near, seed)
+
+
+def collect_scenes(varied: Sequence[Scene], plans: int, near: int = NEIGHBOURS, seed: int = 0) -> Dataset:
+    """Play scenes with random plans and with neighbours of the solutions found.
+
+    Args:
+        varied: the scenes.
+        plans: random plans of each.
+        near: neighbours, on average.
+        seed: of the plans.
+    """
     rng = np.random.default_rng([STREAM, seed, 1])
     blocks = np.array([len(scene.eliminable_blocks) for scene in varied])
     which = np.repeat(np.arange(len(varied), dtype=np.int32), plans)
@@ -118,12 +132,34 @@ def joined(sets: Sequence[Dataset]) -> Dataset:
 
 def augmented(folder: Path, console: Console) -> list[Dataset]:
     """The plays of varied scenes of each basic game, from a folder that keeps them; what is missing is played."""
-    found = []
-    for game in SPLITS["basic"]:
-        file = folder / f"augmented-{game}.npz"
-        if not (file.is_file() and file.with_suffix(".json").is_file()):
-            console.print(f"playing variations of {game}")
-            folder.mkdir(parents=True, exist_ok=True)
-            save_dataset(collect_game(game), file)
-        found.append(load_dataset(file))
-    return found
+    return [
+        kept_plays(folder, f"augmented-{game}", f"playing variations of {game}", partial(collect_game, game), console)
+        for game in SPLITS["basic"]
+    ]
+
+
+def generated(folder: Path, console: Console) -> Dataset:
+    """The plays of the generated scenes that ship, from a folder that keeps them, or played now."""
+
+    def collect() -> Dataset:
+        return collect_scenes(load_generated(SHIPPED).scenes, GENERATED_PLANS)
+
+    return kept_plays(folder, "generated", "playing generated scenes", collect, console)
+
+
+def kept_plays(folder: Path, name: str, title: str, collect: Callable[[], Dataset], console: Console) -> Dataset:
+    """A data set from the folder that keeps it, or collected now.
+
+    Args:
+        folder: of the data sets; made if it is missing.
+        name: of the data set.
+        title: what is printed if it is collected.
+        collect: gives the data set.
+        console: for the title.
+    """
+    file = folder / f"{name}.npz"
+    if not (file.is_file() and file.with_suffix(".json").is_file()):
+        console.print(title)
+        folder.mkdir(parents=True, exist_ok=True)
+        save_dataset(collect(), file)
+    return load_dataset(file)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,8 +14,9 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.data import collect
-from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset
-from iphyre_jax.models.outcome.plays.augmented import augmented, joined
+from iphyre_jax.data.dataset import Dataset
+from iphyre_jax.models.outcome.plays.augmented import augmented, generated, joined, kept_plays
+from iphyre_jax.models.outcome.settings import DataName
 from iphyre_jax.scenes import SPLITS
 
 OF_A_KIND: Final = 50  # plans that solve, and that fail, of a game in the paper's data
@@ -22,13 +24,15 @@ CHOSEN: Final = 25  # of a kind, of each basic game, by which networks are chose
 MOST_DRAWS: Final = 20_000  # of a game
 LARGE: Final = 1000  # of a kind, of each basic game, that `relations` learns beside variations
 LARGE_SEED: Final = 1
-HELD_SCENES: Final = 20  # one varied scene in so many is held out
+HELD_SCENES: Final = 20  # one varied or generated scene in so many is held out
 DEFAULT_FOLDER: Final = Path("build/outcome/data")
 
 TRAINED: Final = "training"
 HELD: Final = "held-out basic"
 VARIED: Final = "held-out variations"
-COLUMNS: Final = (TRAINED, HELD, VARIED, "unseen_basic", "noisy", "compositional", "multi_ball")
+GENERATED: Final = "held-out generated"
+TESTED: Final = ("unseen_basic", "noisy", "compositional", "multi_ball")
+COLUMNS: Final = (TRAINED, HELD, VARIED, GENERATED, *TESTED)
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,9 @@ def compact(plays: Dataset) -> Dataset:
 
 def _kept(folder: Path, name: str, console: Console, games: Sequence[str], count: int, seed: int) -> Dataset:
     """A collected data set, from the folder that keeps it, or collected now."""
-    file = folder / f"{name}.npz"
-    if not (file.is_file() and file.with_suffix(".json").is_file()):
-        console.print(f"collecting {name}: {count} + {count} plans of each of {len(games)} games")
-        folder.mkdir(parents=True, exist_ok=True)
-        found = collect(games, successes=count, failures=count, seed=seed, max_draws=MOST_DRAWS)
-        save_dataset(found, file)
-    return load_dataset(file)
+    title = f"collecting {name}: {count} + {count} plans of each of {len(games)} games"
+    draw = partial(collect, games, successes=count, failures=count, seed=seed, max_draws=MOST_DRAWS)
+    return kept_plays(folder, name, title, draw, console)
 
 
 def play_sets(folder: Path, console: Console) -> PlaySets:
@@ -111,28 +111,34 @@ def natural_rates(plays: Dataset) -> npt.NDArray[np.float64]:
     return np.array([entry["solved"] / max(entry["draws"], 1) for entry in entries])
 
 
-def learned_plays(sets: PlaySets, data: str, folder: Path, console: Console) -> tuple[Dataset, Dataset]:
-    """The plays that a row learns from, and those of varied scenes that it does not (none for the paper's data).
+def learned_plays(sets: PlaySets, data: DataName, folder: Path, console: Console) -> tuple[Dataset, dict[str, Dataset]]:
+    """The plays that a row learns from, and by column those of other scenes that it does not.
 
     Args:
         sets: `play_sets`.
-        data: "official" or "large".
+        data: "official"; "large" has variations, "generated" also generated scenes. Official data have no other scenes.
         folder: that keeps data sets.
         console: for progress.
     """
-    basic = compact(of_games(sets.official, SPLITS["basic"]))
     if data == "official":
-        return basic, basic.select(np.zeros(len(basic), bool))
+        return compact(of_games(sets.official, SPLITS["basic"])), {}
     held_out = (of_games(sets.later, SPLITS["basic"]), sets.choose)
-    varied = joined(augmented(folder, console))
-    held = varied.game % HELD_SCENES == 0  # all plans of a scene stay together
     plain = without(_large(folder, console), *held_out)
-    return joined([plain, varied.select(~held)]), varied.select(held)
+    others = {VARIED: joined(augmented(folder, console)), GENERATED: generated(folder, console)}
+    held = {name: plays.game % HELD_SCENES == 0 for name, plays in others.items()}  # all plans of a scene stay together
+    learned = [plain, others[VARIED].select(~held[VARIED])]
+    if data == "generated":
+        learned.append(others[GENERATED].select(~held[GENERATED]))
+    return joined(learned), {name: plays.select(held[name]) for name, plays in others.items()}
 
 
-def judged_plays(sets: PlaySets, learned: Dataset, varied: Dataset) -> dict[str, Dataset]:
-    """The plays of each column of the report. Noisy, compositional and multi-ball are the paper's own test plays."""
-    columns = {TRAINED: learned, HELD: of_games(sets.later, SPLITS["basic"]), VARIED: varied}
-    for split in COLUMNS[3:]:
-        columns[split] = of_games(sets.official, SPLITS[split])
-    return columns
+def judged_plays(sets: PlaySets, learned: Dataset, others: Mapping[str, Dataset]) -> dict[str, Dataset]:
+    """The plays of each column of the report. Noisy, compositional and multi-ball are the paper's own test plays.
+
+    Args:
+        sets: `play_sets`.
+        learned: plays that were learned from.
+        others: by column, plays of other scenes that were not.
+    """
+    tested = {split: of_games(sets.official, SPLITS[split]) for split in TESTED}
+    return {TRAINED: learned, HELD: of_games(sets.later, SPLITS["basic"]), **others, **tested}
