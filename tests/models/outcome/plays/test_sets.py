@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pytest
+from rich.console import Console
 
 from iphyre_jax.models.outcome import baselines
 from iphyre_jax.models.outcome.plays import augmented, sets
-from tests.models.outcome.made_up import made_up
+from iphyre_jax.models.outcome.settings import DataName
+from tests.models.outcome.made_up import GAMES, made_up
 
 
 def test_first_and_later_plays_of_a_kind() -> None:
@@ -87,3 +92,19 @@ def test_scenes_without_plays_are_left_out() -> None:
     assert [scene.name for scene in part.scenes] == ["hinder", "hole"]
     assert [part.scenes[k].name for k in part.game] == ["hinder"] * 5 + ["hole"] * 5
     np.testing.assert_array_equal(part.times, plays.times[5:])
+
+
+@pytest.mark.parametrize("data", ["large", "generated"])
+def test_scenes_that_are_held_out_are_not_learned_from(data: DataName, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sets, "HELD_SCENES", 3)  # one scene of the three
+    monkeypatch.setattr(sets, "_large", lambda *_: made_up(5, 1))
+    monkeypatch.setattr(sets, "augmented", lambda *_: [made_up(20, 2)])
+    monkeypatch.setattr(sets, "generated", lambda *_: made_up(30, 3))
+    basic = sets.PlaySets(made_up(5, 4), made_up(5, 5), made_up(5, 6))
+    learned, others = sets.learned_plays(basic, data, Path(), Console(quiet=True))
+    assert {name: len(plays) for name, plays in others.items()} == {sets.VARIED: 20, sets.GENERATED: 30}
+    plain = len(sets.without(made_up(5, 1), basic.later, basic.choose))
+    assert len(learned) == plain + 2 * 20 + (2 * 30 if data == "generated" else 0)
+    names = [learned.scenes[k].name for k in learned.game]
+    assert names.count(GAMES[0]) <= 5  # the held-out scene's plays are the plain ones alone
+    assert sets.learned_plays(basic, "official", Path(), Console(quiet=True))[1] == {}
