@@ -164,7 +164,10 @@ results: .venv/.stamp ## train five seeds of every agent and write docs/results/
 	$(PY) -m benchmarks.agents --weights iphyre_jax/train/weights
 
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
-	$(PY) -m benchmarks.agents --preset paper --seeds 1
+	$(PY) -m benchmarks.agents --table paper --seeds 1
+
+results-controllers: .venv/.stamp ## three seeds of agents that see predictions of world models; writes docs/results/results-controllers.md; needs results-world
+	$(PY) -m benchmarks.agents --table controllers --seeds 3
 
 analyse: .venv/.stamp ## every table of the analyses and its data, row by row in build/analyses; goes on where it stopped
 	.venv/bin/iphyre-jax analyse --data iphyre_jax/analyses
@@ -184,7 +187,7 @@ results-sequence: .venv/.stamp ## train every sequence model and write docs/resu
 results-world: .venv/.stamp ## train the world models, three seeds each, and write docs/results/world.md; goes on where it stopped
 	.venv/bin/iphyre-jax world compare --weights iphyre_jax/models/world/weights
 
-results-models: results-sequence results-world results-language ## all of the three above, one after the other
+results-models: results-sequence results-world results-controllers results-language ## all of the above, one after the other
 
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network

@@ -12,14 +12,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import tyro
 from rich.console import Console
 
+import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to the trainer
+from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.provenance import provenance
@@ -28,8 +31,8 @@ from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
-from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.presets import AGENTS, PresetName
+from iphyre_jax.train.settings.agents import PPO, AgentName
+from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import logs, runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
@@ -40,20 +43,50 @@ OFFICIAL: Final = (
     "The official stack: 200 iterations of 4,000 episodes of 150 steps, at a measured 43.6 us a step, take 5,200 s of "
     "simulation alone. Ours: everything counts, compilation too (but not in the last column)."
 )
+TableName = Literal["default", "paper", "controllers"]
+CONTROLLERS: Final[tuple[AgentName, ...]] = ("ppo", "a2c", "sac")
+MOVING: Final[tuple[StrategyName, ...]] = ("on-the-fly", "combined")  # see more than the start
+PREDICTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
+    {
+        "none": {},
+        "zeros": {"prediction": "zeros"},
+        "mdrnn-400": {"prediction": "build/world/mdrnn-400-0"},
+        "mdrnn-5000": {"prediction": "build/world/mdrnn-5000-0"},
+        "objects": {"prediction": "objects-unlimited"},
+        "perfect": {"prediction": "perfect"},
+        "motion": {"observation": "motion"},
+    }
+)  # what an agent sees besides the official observation; run folders are those of `make results-world`
 PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points
 
 
-def rows(name: PresetName = "default") -> Mapping[str, TrainConfig]:
-    """The rows by name: the twelve of the paper with a preset, then, with the default one, our own.
+def rows(name: TableName = "default") -> Mapping[str, TrainConfig]:
+    """The rows of a table by name.
 
-    All but the last learn the training games alone, as the paper's do.
+    "default" and "paper" have the twelve of the paper with that preset; "default" has our own rows besides. All but its
+    last row learn the training games alone, as the paper's do. "controllers" has agents that see predictions.
     """
+    if name == "controllers":
+        return MappingProxyType(controllers())
     own = {"ppo-i": QUICK, "ppo-i-smooth": SMOOTH, "ppo-i-objects": preset()} if name == "default" else {}
     configs = [preset(agent, strategy, name) for agent, spec in AGENTS.items() for strategy in spec.strategies]
     suffix = "" if name == "default" else f"-{name}"
     # The random agent has one row: its last, on the fly.
     table = {config.paper_name.lower() + suffix: config for config in configs}
     return MappingProxyType(table | own)
+
+
+def controllers() -> dict[str, TrainConfig]:
+    """Agents that act on the fly or combined, with each of PREDICTIONS.
+
+    World models learned at 60 steps a second in a fresh space: so the agents play there.
+    """
+    table = {}
+    for agent, strategy in product(CONTROLLERS, MOVING):
+        plain = replace(preset(agent, strategy), fps=60, resets=1, observation="official")
+        for name, changes in PREDICTIONS.items():
+            table[f"{plain.paper_name.lower()}-{name}"] = replace(plain, **changes)
+    return table
 
 
 QUICK: Final = preset(name="quick")
@@ -68,8 +101,9 @@ class Arguments:
     """Folder of the runs."""
     out: Path = Path("docs/results")
     """Folder of results.md, its pictures, and of runs/, what is published of each run."""
-    preset: PresetName = "default"
-    """Preset of the paper's twelve rows; the document of "paper" is results-paper.md."""
+    table: TableName = "default"
+    """Rows of results.md; "paper", of results-paper.md: the paper's twelve with its settings; "controllers", of
+    results-controllers.md: agents that see predictions of world models."""
     only: tuple[str, ...] = ()
     """Rows to run, by name; by default all that are missing."""
     seeds: int = SEEDS
@@ -80,7 +114,7 @@ class Arguments:
     @property
     def stem(self) -> str:
         """Name of the document, and how those of its pictures begin."""
-        return "results" if self.preset == "default" else f"results-{self.preset}"
+        return "results" if self.table == "default" else f"results-{self.table}"
 
     @property
     def published(self) -> Path:
@@ -106,13 +140,13 @@ def finished_run(folder: Path, config: TrainConfig, console: Console) -> RunStat
 
 
 def check_settings(folder: Path, found: TrainConfig, wanted: TrainConfig) -> None:
-    """Refuse a run with other settings than a row's; the sum of a pool is written down when the run starts."""
-    if _without_sum(found) != wanted:
+    """Refuse a run with other settings than a row's; sums of files are written down when a run starts."""
+    if _without_sums(found) != wanted:
         raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
 
 
-def _without_sum(config: TrainConfig) -> TrainConfig:
-    return replace(config, pool_sha256="")
+def _without_sums(config: TrainConfig) -> TrainConfig:
+    return replace(config, pool_sha256="", prediction_sha256="")
 
 
 def run_row(folder: Path, published: Path, config: TrainConfig, console: Console) -> bool:
@@ -140,7 +174,7 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
 
 def is_published(folder: Path, config: TrainConfig) -> bool:
     """Whether a run with these settings is published in a folder; one with others is out of date."""
-    return (folder / runs.EVALUATION).is_file() and _without_sum(runs.read_config(folder)) == config
+    return (folder / runs.EVALUATION).is_file() and _without_sums(runs.read_config(folder)) == config
 
 
 def export_best(arguments: Arguments, name: str) -> None:
@@ -229,7 +263,7 @@ def _unseen(rows: Sequence[compare.Row]) -> str:
 def main(arguments: Arguments) -> None:
     """Run what is missing and write the document."""
     configure()
-    console, table = Console(), rows(arguments.preset)
+    console, table = Console(), rows(arguments.table)
     for name in arguments.only:
         if name not in table:
             raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")

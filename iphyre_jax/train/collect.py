@@ -22,8 +22,10 @@ from iphyre_jax.envs.in_advance import observation_table, play_plans
 from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.registry import environment_of
+from iphyre_jax.observations.features import MOTION_SIZE
 from iphyre_jax.rules import FRAMES, episode_reward
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
+from iphyre_jax.train.predictions import open_prediction
 from iphyre_jax.train.settings.run import TrainConfig
 
 LOOK_EVERY = 10  # decisions between checks whether all episodes have ended
@@ -114,13 +116,14 @@ class StepRollout:
 
     def __init__(self, config: TrainConfig, scenes: Sequence[str | Scene]) -> None:
         self._scenes = tuple(load_scene(scene) for scene in scenes)
+        self._prediction, self._observation = open_prediction(config), config.observation
         self._environment, self._params = environment_of(
             "train",
             self._scenes,
             strategy=config.strategy,
             protocol=EpisodeProtocol("train", config.fps, config.resets),
             dtype="float32",
-            observation=config.observation,
+            observation=config.observation if self._prediction is None else "motion",
             image_size=None,
             autoreset=False,
         )
@@ -129,19 +132,37 @@ class StepRollout:
         """See `RolloutCollector`."""
         environment, params = self._environment, self._params
         games = jnp.repeat(jnp.arange(len(self._scenes), dtype=jnp.int32), episodes)
-        next_obs, state = _reset(environment, games, params)
+        seen, state = _reset(environment, games, params)
+        add_prediction = self._predicting(games)
+        next_obs = add_prediction(seen, state)
         active = jnp.ones(len(games), bool)
         steps: list[tuple[jax.Array, ...]] = []
         most = DECISIONS[environment.strategy.name]
         info: Info = {}
         for k in range(most):
             obs, output = next_obs, policy(jax.random.fold_in(key, k), next_obs, 1)
-            (next_obs, reward, done, info), state = _step(environment, state, output.action, params)
+            (seen, reward, done, info), state = _step(environment, state, output.action, params)
+            next_obs = add_prediction(seen, state)
             steps.append((obs, *output[1:], reward, done & active, active))
             active = active & ~done
             if k % LOOK_EVERY == LOOK_EVERY - 1 and not bool(active.any()):
                 break
         return _stacked(steps, next_obs, most), _stats(info, environment.protocol.fps)
+
+    def _predicting(self, games: jax.Array) -> Callable[[jax.Array, EnvState], jax.Array]:
+        """What turns the environment's observations into those of the policy, decision after decision."""
+        prediction = self._prediction
+        if prediction is None:
+            return lambda obs, state: obs
+        memory = prediction.start(self._scenes, games, self._environment, self._params)
+        shown = None if self._observation == "motion" else -MOTION_SIZE
+
+        def add(obs: jax.Array, state: EnvState) -> jax.Array:
+            nonlocal memory
+            predicted, memory = prediction.predict(memory, obs, state)
+            return jnp.concatenate([obs[:, :shown], predicted], axis=1)
+
+        return add
 
 
 @partial(jax.jit, static_argnums=0)

@@ -15,6 +15,7 @@ from rich.console import Console
 from iphyre_jax.files import locked
 from iphyre_jax.train import trainer
 from iphyre_jax.train.pool import with_sum
+from iphyre_jax.train.predictions import with_prediction_sum
 from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
@@ -52,7 +53,7 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
     config.check()
-    config = with_sum(config)
+    config = with_prediction_sum(with_sum(config))
     runs.make_folder(folder)
     with locked(folder):
         runs.create(folder, config)

@@ -1,8 +1,9 @@
-"""The parts of an observation. Its size says whether it has a no-op candidate and motion."""
+"""The parts of an observation. Its size says whether it has a no-op candidate, motion and a predicted table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -19,7 +20,10 @@ SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE
 
 # Size of an observation -> where the candidates of the slots begin; on the fly, after the pair of the no-op.
 _CANDIDATES: Final[Mapping[int, int]] = MappingProxyType(
-    {ROWS_SIZE + no_op + SLOTS_SIZE + motion: ROWS_SIZE + no_op for no_op in (0, 2) for motion in (0, MOTION_SIZE)}
+    {
+        ROWS_SIZE + no_op + SLOTS_SIZE + motion + predicted: ROWS_SIZE + no_op
+        for no_op, motion, predicted in product((0, 2), (0, MOTION_SIZE), (0, ROWS_SIZE))
+    }
 )
 
 
@@ -29,15 +33,19 @@ class Parts(NamedTuple):
     rows: jax.Array  # (..., 12, 9) the official table
     candidates: jax.Array  # (..., 6, 2) centres of the slots' blocks at the start, 0 for a slot without one
     motion: jax.Array  # (..., 37) velocities and time, or (..., 0)
+    predicted: jax.Array  # (..., 108) a predicted table, or (..., 0)
 
 
 def parts(obs: jax.Array) -> Parts:
     """Split observations (..., D) into their parts."""
-    start = _CANDIDATES[obs.shape[-1]]
+    size = obs.shape[-1]
+    start = _CANDIDATES[size]
+    moves = start + SLOTS_SIZE  # where motion begins
+    predicts = moves + (MOTION_SIZE if size - moves in (MOTION_SIZE, MOTION_SIZE + ROWS_SIZE) else 0)
     before = obs.shape[:-1]
     rows = obs[..., :ROWS_SIZE].reshape(*before, MAX_OBJECTS, -1)
-    candidates = obs[..., start : start + SLOTS_SIZE].reshape(*before, MAX_ELIMINABLE, 2)
-    return Parts(rows, candidates, obs[..., start + SLOTS_SIZE :])
+    candidates = obs[..., start:moves].reshape(*before, MAX_ELIMINABLE, 2)
+    return Parts(rows, candidates, obs[..., moves:predicts], obs[..., predicts:])
 
 
 def slot_mask(obs: jax.Array) -> jax.Array:

@@ -79,7 +79,7 @@ class ObjectNetwork(nn.Module):
     @nn.compact
     def __call__(self, obs: jax.Array) -> jax.Array:
         """(B, D) float32 observations -> (B, *shape) float32."""
-        rows, candidates, motion = parts(obs)
+        rows, candidates, motion, _ = parts(obs)
         mask = rows[..., 4] > 0  # every object has a radius
         relations = pair_features(rows)
         x = nn.relu(_dense(self.hidden_sizes[0], 2.0**0.5)(object_features(rows, motion)))

@@ -16,6 +16,7 @@ from iphyre_jax.train.algos.ppo import PPOAlgorithm
 from iphyre_jax.train.algos.random_agent import RandomAlgorithm
 from iphyre_jax.train.algos.sac import SACAlgorithm
 from iphyre_jax.train.observations import start_observations
+from iphyre_jax.train.predictions import first_predictions
 from iphyre_jax.train.settings.agents import AgentName
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -44,4 +45,4 @@ def init(config: TrainConfig, key: jax.Array) -> State:
     """
     config.check()
     obs = start_observations(config.strategy, config.observation, config.training_games)
-    return algorithm(config).init(key, obs)
+    return algorithm(config).init(key, first_predictions(config, obs))

@@ -54,12 +54,13 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset, action head, observation, the network unless it is an MLP, and what it learns from besides."""
+        """Agent, preset, action head, observation, the network unless it is an MLP, a prediction, and other scenes."""
         config = self.config
         parts = [f"{config.paper_name} {config.preset}", config.head, config.observation]
         parts += [config.network] if config.network != "mlp" else []
         besides = [*(["varied"] if config.variations else []), *(["generated"] if config.scene_pool else [])]
-        return ", ".join([*parts, *besides])
+        predicted = [f"prediction {Path(config.prediction).name}"] if config.prediction else []
+        return ", ".join([*parts, *predicted, *besides])
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""

@@ -83,6 +83,14 @@ class TrainConfig:
     observation: Literal["official", "motion"] = "official"
     """What the agent sees: the official rows, or the same with velocities and time."""
 
+    prediction: str = ""
+    """What the observation ends with: the official table 0.1 s later if nothing is removed now (not in advance; "mlp"
+    only). "zeros", as many zeros; "perfect", as the simulator says; or by a world model: its name in the package, or
+    its run folder."""
+
+    prediction_sha256: str = ""
+    """SHA-256 sum of that world model. A run writes it down when it starts, and resumes with no other one."""
+
     head: HeadName = "time_grid"
     """Distribution of a decision. For times: "time_grid", a categorical over never and every 0.1 s up to 14.9 s;
     "gaussian", a normal clipped to [0 s, 15 s], as in the paper; "tanh_normal", a normal squashed into it (SAC);
@@ -145,6 +153,7 @@ class TrainConfig:
         _require(self, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
         _require(self, "checkpoint_seconds", 0 <= self.checkpoint_seconds < float("inf"), "a number not below 0")
         _check_pool(self)
+        _check_prediction(self)
         _check_learner(self)
 
     @property
@@ -238,6 +247,15 @@ def _check_pool(config: TrainConfig) -> None:
         _require(config, "pool_sha256", not config.pool_sha256, "none without a scene_pool")
     _require(config, "pool_scenes", config.pool_scenes >= 1, "at least 1")
     _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
+
+
+def _check_prediction(config: TrainConfig) -> None:
+    """Refuse a prediction that cannot be; its world model is looked at when a run starts."""
+    if not config.prediction:
+        _require(config, "prediction_sha256", not config.prediction_sha256, "none without a prediction")
+        return
+    _require(config, "prediction", config.strategy != "in-advance", "none in advance: nothing moves yet")
+    _require(config, "network", config.network == "mlp", "mlp with a prediction")
 
 
 def _check_learner(config: TrainConfig) -> None:

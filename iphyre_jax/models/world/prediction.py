@@ -1,0 +1,114 @@
+"""World models as predictions for agents that act on the fly or combined, by their name in a training's settings.
+
+A model sees the observed table with velocities and says what it is 0.1 s later if nothing is removed now. "mdrnn" keeps
+its memory from decision to decision on the fly; combined, decisions are no 0.1 s apart, and it begins anew at each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from iphyre_jax.checks import show
+from iphyre_jax.envs.core import Environment
+from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.models.storage import STATE
+from iphyre_jax.models.world import storage
+from iphyre_jax.models.world.interface import Memory, Params, Predict, predictor, start_memory
+from iphyre_jax.models.world.tables import scene_tables
+from iphyre_jax.observations.official import LENGTH_COLUMNS
+from iphyre_jax.rules import SCREEN
+from iphyre_jax.scenes import MAX_OBJECTS, Scene
+from iphyre_jax.train.observations import parts
+from iphyre_jax.train.predictions import PERFECT, ZEROS, NamedPrediction, offer_world_models
+from iphyre_jax.train.storage.manifest import sum_of
+
+MOST_WORLDS = 2048  # predicted at once: the pairs of so many take some 100 MB
+
+
+class _Kept(NamedTuple):
+    """What a prediction keeps of B episodes."""
+
+    first: Memory  # before the first decision
+    memory: Memory  # now
+    goes_on: bool  # whether decisions are 0.1 s apart
+
+
+class WorldPrediction:
+    """The prediction of a trained model.
+
+    Args:
+        model: the model.
+    """
+
+    def __init__(self, model: storage.WorldModel) -> None:
+        self._config, self._params = model.config, model.params
+
+    def start(self, scenes: Sequence[Scene], game: jax.Array, environment: Environment, params: EnvParams) -> _Kept:
+        """See `iphyre_jax.train.predictions.Prediction`."""
+        del params
+        tables = scene_tables(scenes)
+        memory = start_memory(self._config, jax.tree.map(lambda column: jnp.asarray(column[np.asarray(game)]), tables))
+        return _Kept(memory, memory, environment.strategy.name == "on-the-fly")
+
+    def predict(self, memory: _Kept, obs: jax.Array, state: EnvState) -> tuple[jax.Array, _Kept]:
+        """See `iphyre_jax.train.predictions.Prediction`."""
+        del state
+        before = memory.memory if memory.goes_on else memory.first
+        blocks = [
+            _next_table(predictor(self._config), self._params, _rows(before, at), obs[at : at + MOST_WORLDS])
+            for at in range(0, len(obs), MOST_WORLDS)
+        ]
+        table = jnp.concatenate([block[0] for block in blocks])
+        after = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *(block[1] for block in blocks))
+        return table, memory._replace(memory=after)
+
+
+def _rows(memory: Memory, at: int) -> Memory:
+    return jax.tree.map(lambda leaf: leaf[at : at + MOST_WORLDS], memory)
+
+
+@partial(jax.jit, static_argnums=0)
+def _next_table(predict: Predict, params: Params, memory: Memory, obs: jax.Array) -> tuple[jax.Array, Memory]:
+    """Observed tables (B, 108) 0.1 s later, and the memory."""
+    rows, after = predict(params, memory, seen_rows(obs), jnp.zeros((len(obs), MAX_OBJECTS), bool))
+    lengths = (rows[..., :LENGTH_COLUMNS] / SCREEN).clip(0.0, 1.0)
+    present = lengths[..., -1:] > 0
+    now = parts(obs).rows
+    # Flags and pairs are those observed now: without a removal they stay.
+    table = jnp.concatenate([lengths, now[..., LENGTH_COLUMNS:]], axis=-1)
+    return jnp.where(present, table, 0.0).reshape(len(obs), -1), after
+
+
+def seen_rows(obs: jax.Array) -> jax.Array:
+    """Tables (B, 12, 12) as world models read them, in px and px/s, from observations (B, D) with motion."""
+    seen = parts(obs)
+    velocity = seen.motion[:, : 3 * MAX_OBJECTS].reshape(len(obs), MAX_OBJECTS, 3)
+    flags = seen.rows[..., LENGTH_COLUMNS:] > 0  # agents see pair numbers, models flags
+    speed = velocity * jnp.array([[[SCREEN, SCREEN, 1.0]]])
+    table = jnp.concatenate([seen.rows[..., :LENGTH_COLUMNS] * SCREEN, flags, speed], axis=-1)
+    return jnp.where(seen.rows[..., LENGTH_COLUMNS - 1 : LENGTH_COLUMNS] > 0, table, 0.0)
+
+
+def read_prediction(name: str) -> NamedPrediction:
+    """The prediction of a world model of the package, or of a run folder.
+
+    Raises:
+        OSError, ValueError: one line; there is no such model, or its files are damaged.
+    """
+    if name in storage.names():
+        return NamedPrediction(WorldPrediction(storage.load_model(name)), sum_of(storage.WEIGHTS / f"{name}.npz"))
+    folder = Path(name)
+    if not (folder / STATE).is_file():
+        known = ", ".join((ZEROS, PERFECT, *storage.names()))
+        raise ValueError(f"prediction: expected one of {known}, or the run folder of a world model; got {show(name)}")
+    return NamedPrediction(WorldPrediction(storage.trained_model(folder)), sum_of(folder / STATE))
+
+
+offer_world_models(read_prediction)
