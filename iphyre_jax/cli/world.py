@@ -15,15 +15,19 @@ from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
+from iphyre_jax.cli.viewer import Plan
+from iphyre_jax.files import replace_text
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.models.world import compare, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination
-from iphyre_jax.models.world.metrics import HORIZONS
 from iphyre_jax.models.world.planning import PLANS, TRIES
-from iphyre_jax.models.world.report import TITLES
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.models.world.reports.metrics import HORIZONS
+from iphyre_jax.models.world.reports.report import TITLES
+from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan
+from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.simulation import simulate
+from iphyre_jax.viewer.page import replay_page
 
 ROOT = Path("build/world")
 
@@ -78,6 +82,21 @@ class PlanInModel:
 
 
 @dataclass(frozen=True)
+class Film:
+    """Show a plan as it is played beside how a world model imagines it, and the model's error over time."""
+
+    scene: Annotated[tyro.conf.Positional[str], option("SCENE", "A game's name or a scene file.")]
+    out: Annotated[
+        Path,
+        option("FILE", "The file to write: .png, .gif or .mp4, or .html, a replay page.", aliases=("-o",)),
+    ]
+    plan: Plan = ()
+    model: str = "objects-unlimited"
+    """A model of the package, or a run folder."""
+    errors: Annotated[Path | None, option("FILE", "Draw the error of balls over time, .png.", "no picture")] = None
+
+
+@dataclass(frozen=True)
 class WorldCommand:
     """What will the scene look like? Train world models, measure them, plan in them."""
 
@@ -85,7 +104,8 @@ class WorldCommand:
         Annotated[Train, tyro.conf.subcommand("train")]
         | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
         | Annotated[Compare, tyro.conf.subcommand("compare")]
-        | Annotated[PlanInModel, tyro.conf.subcommand("plan")],
+        | Annotated[PlanInModel, tyro.conf.subcommand("plan")]
+        | Annotated[Film, tyro.conf.subcommand("film")],
         tyro.conf.arg(name=""),
     ]
 
@@ -99,8 +119,8 @@ def run(command: WorldCommand, console: Console) -> int:
     return resumable(lambda: _run(command.action, console), console)
 
 
-def _run(action: Train | Evaluate | Compare | PlanInModel, console: Console) -> None:
-    """Run one of the four."""
+def _run(action: Train | Evaluate | Compare | PlanInModel | Film, console: Console) -> None:
+    """Run one of the five."""
     if isinstance(action, Train):
         config = compare.row_settings(action.row, action.seed)
         runs.train(action.root / config.name, config, console)
@@ -108,8 +128,10 @@ def _run(action: Train | Evaluate | Compare | PlanInModel, console: Console) -> 
         _evaluate(action, console)
     elif isinstance(action, Compare):
         compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
-    else:
+    elif isinstance(action, PlanInModel):
         _plan(action, console)
+    else:
+        _film(action, console)
 
 
 def _evaluate(action: Evaluate, console: Console) -> None:
@@ -132,12 +154,33 @@ def _evaluate(action: Evaluate, console: Console) -> None:
         )
 
 
+def _model(name: str) -> storage.WorldModel:
+    return storage.load_model(name) if name in storage.names() else storage.trained_model(Path(name))
+
+
+def _film(action: Film, console: Console) -> None:
+    scene = load_scene(action.scene)
+    found = roll_out_plan(_model(action.model), scene, parse_plan(action.plan, scene)[0])
+    model = Path(action.model).name
+    plays = {"simulator": found.real, model: found.imagined}
+    if action.out.suffix.lower() == ".html":
+        replace_text(action.out, replay_page(list(plays.items()), title=f"{scene.name}, imagined by {model}"))
+    else:
+        from iphyre_jax.viewer.films import save  # needs the extra `viewer`
+
+        save(action.out, list(plays.values()), titles=list(plays))
+    if action.errors is not None:
+        draw_errors(action.errors, found, f"{scene.name}: error of {model}")
+    ends = ", ".join(f"{name} {'solved' if play.success else 'not solved'}" for name, play in plays.items())
+    error = found.error["model"]
+    say(console, f"{action.out}: {ends}; error of balls after 1 s {error[min(10, len(error) - 1)]:.1f} px")
+
+
 def _plan(action: PlanInModel, console: Console) -> None:
     scene = load_scene(action.scene)
     check_whole("plans", action.plans)
     check_whole("best", action.best, 1, action.plans)
-    shipped = action.model in storage.names()
-    model = storage.load_model(action.model) if shipped else storage.trained_model(Path(action.model))
+    model = _model(action.model)
     times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
     imagined = WorldImagination(model)(scene, times)
     best = preferred(imagined[None])[: action.best]

@@ -14,9 +14,10 @@ from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
-from iphyre_jax.models.world import report, storage
-from iphyre_jax.models.world.metrics import COLUMNS, measured
+from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
+from iphyre_jax.models.world.reports import report
+from iphyre_jax.models.world.reports.metrics import COLUMNS, measured
 from iphyre_jax.models.world.runs import train
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel

@@ -88,7 +88,7 @@ def falls_until_contact(
     alive = (rows[..., LENGTH_COLUMNS - 1] > 0) & ~removal
     down = jnp.array([[[0.0, 1.0]]])
     fallen = state.centre + state.velocity * SECONDS + FALL * down
-    centre, half = (rows[..., 0:2] + rows[..., 2:4]) / 2, scene.half
+    centre, half = centres(rows), scene.half
     own_half = jnp.take_along_axis(jnp.asarray(half), scene.mover[..., None], axis=1)
     own_radius = jnp.take_along_axis(jnp.asarray(scene.radius), scene.mover, axis=1)
     touch = contact(
@@ -105,11 +105,22 @@ def falls_until_contact(
     return rows_of(scene, State(jnp.where(meets, state.centre, fallen), state.angle, speed, state.spin), alive), memory
 
 
-@partial(jax.jit, static_argnums=(0, 5))
+def centres(rows: jax.Array) -> jax.Array:
+    """Centres (..., 12, 2), px, in tables (..., 12, 12)."""
+    return (rows[..., 0:2] + rows[..., 2:4]) / 2
+
+
+@partial(jax.jit, static_argnums=(0, 5, 6))
 def roll(
-    predict: Predict, params: Params, memory: Memory, rows: jax.Array, gone: jax.Array, steps: int = FRAMES
+    predict: Predict,
+    params: Params,
+    memory: Memory,
+    rows: jax.Array,
+    gone: jax.Array,
+    steps: int = FRAMES,
+    kept: Callable[[jax.Array], jax.Array] = centres,
 ) -> jax.Array:
-    """Centres (steps, B, 12, 2), px, of all objects after 0.1, 0.2, ... s; those of removed objects are 0.
+    """What is kept of tables, (steps, B, ...), after 0.1, 0.2, ... s; by default centres. Removed objects are 0.
 
     Args:
         predict: of a model.
@@ -118,10 +129,11 @@ def roll(
         rows: their tables now.
         gone: (B, 12) in how many steps each object is removed: 0 for now, below 0 or large for never.
         steps: to predict.
+        kept: gives what is kept of tables (B, 12, 12); static.
     """
 
     def advance(carry: tuple[jax.Array, Memory], k: jax.Array) -> tuple[tuple[jax.Array, Memory], jax.Array]:
-        table, kept = predict(params, carry[1], carry[0], gone == k)
-        return (table, kept), (table[..., 0:2] + table[..., 2:4]) / 2
+        table, remembered = predict(params, carry[1], carry[0], gone == k)
+        return (table, remembered), kept(table)
 
     return jax.lax.scan(advance, (rows, memory), jnp.arange(steps))[1]

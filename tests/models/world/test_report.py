@@ -9,8 +9,9 @@ import pytest
 
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
-from iphyre_jax.models.world import compare, planning, report, storage
-from iphyre_jax.models.world.metrics import BOUNDS, HORIZONS
+from iphyre_jax.models.world import compare, planning, storage
+from iphyre_jax.models.world.reports import report
+from iphyre_jax.models.world.reports.metrics import BOUNDS, HORIZONS
 
 
 def _evaluation(seed: int, first: float) -> dict[str, Any]:

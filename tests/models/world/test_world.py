@@ -17,8 +17,8 @@ from iphyre_jax.models.storage import METRICS
 from iphyre_jax.models.world import plays, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.interface import falls_until_contact, nothing_moves, predictor, start_memory, start_rows
-from iphyre_jax.models.world.metrics import horizon_errors
 from iphyre_jax.models.world.networks import mdrnn, objects
+from iphyre_jax.models.world.reports.metrics import horizon_errors
 from iphyre_jax.models.world.rows import rows_of, state_in
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import scene_tables, state_of

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from iphyre_jax.files import replace_text
-from iphyre_jax.models.world.metrics import BOUNDS, COLUMNS, HORIZONS
 from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
+from iphyre_jax.models.world.reports.metrics import BOUNDS, COLUMNS, HORIZONS
 from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table
 

@@ -1,0 +1,1 @@
+"""What world models are worth: measures, and the document."""
