@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iphyre_jax import simulate
+from iphyre_jax import plan_to_steps, simulate
 from iphyre_jax.cli import main as cli
 from iphyre_jax.models.world import roll_outs, storage
 from iphyre_jax.scenes import load_scene
@@ -23,7 +23,7 @@ def found() -> roll_outs.RollOut:
 @pytest.mark.slow
 def test_the_real_one_is_what_the_simulator_plays(found: roll_outs.RollOut) -> None:
     scene = load_scene("hole")
-    played = simulate(scene, [[-1, -1, 84, 33]], fps=60, dtype="float64", sample_every=1)
+    played = simulate(scene, plan_to_steps(np.array([PLAN]), 60, "simulate"), fps=60, dtype="float64", sample_every=1)
     assert played.samples is not None
     assert found.real.success
     frame = 20
