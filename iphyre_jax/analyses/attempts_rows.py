@@ -1,4 +1,4 @@
-"""Rows of the table of attempts: doing nothing, random plans, planners, shipped classifiers and policies, people."""
+"""Rows of the table of attempts: doing nothing, random plans, planners, shipped models and policies, people."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.outcome import storage as classifiers
 from iphyre_jax.models.outcome.agent import CANDIDATES, ranking_agent
 from iphyre_jax.models.outcome.agent import FPS as CLASSIFIED
+from iphyre_jax.models.world import storage as world_models
+from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
+from iphyre_jax.models.world.planning import PLANS
+from iphyre_jax.models.world.plays import FPS as IMAGINED
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.storage.pretrained import load_pretrained, names
@@ -32,14 +36,15 @@ PEOPLE: Final = 5  # attempts that people had
 DTYPE: Final = "float64"
 
 Compute = Callable[[], Attempts]
+Specification = tuple[dict[str, Any], Compute]  # settings of a row, and how it is computed
 
 
-def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
+def specifications(fps: int) -> dict[str, Specification]:
     """Return each row's settings and how it is computed, by name."""
     common: dict[str, Any] = {"fps": fps, "resets": RESETS[fps]}
     plain = {**common, "dtype": DTYPE}
 
-    def row(agent: Agent, k: int, runs: int, feedback: Feedback | None = None) -> tuple[dict[str, Any], Compute]:
+    def row(agent: Agent, k: int, runs: int, feedback: Feedback | None = None) -> Specification:
         play = partial(attempts, agent, k, feedback=feedback, runs=runs, **plain)
         return {**plain, "k": k, "runs": runs, "feedback": feedback, "seed": 0}, play
 
@@ -55,6 +60,9 @@ def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
         "improve best, trajectories": row(improve_best, 10, 5, "trajectory"),
         **planners,
     }
+    for name in world_models.names() if fps == IMAGINED else ():
+        tried = {**plain, "k": 5, "runs": 2, "world model": name, "plans": PLANS, "seed": 0}
+        found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     for name in classifiers.names() if fps == CLASSIFIED else ():
         tried = {**plain, "k": 10, "runs": 5, "classifier": name, "plans": CANDIDATES, "seed": 0}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
@@ -64,6 +72,12 @@ def specifications(fps: int) -> dict[str, tuple[dict[str, Any], Compute]]:
             first["greedy"] = "median"  # of the time until the next removal; rows by the mode have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
+
+
+def _world_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
+    """Attempts of a planner that imagines random plans in a shipped world model."""
+    agent = WorldPlanner(WorldImagination(world_models.load_model(name)), PLANS)
+    return attempts(agent, k, runs=runs, **plain)
 
 
 def _classifier(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
@@ -82,14 +96,10 @@ def file_stem(name: str) -> str:
     return name.replace(", ", "-").replace(" ", "-")
 
 
-def run(folder: Path, fps: int, only: Sequence[str] = ()) -> dict[str, Row]:
-    """Return rows, computing those that are missing in `folder`/attempts-<fps>fps; by default all."""
-    kept = folder / f"attempts-{fps}fps"
-    return {
-        name: kept_row(kept, file_stem(name), settings, partial(_row, compute))
-        for name, (settings, compute) in specifications(fps).items()
-        if not only or name in only
-    }
+def run(folder: Path, fps: int, name: str, specification: Specification) -> Row:
+    """Return a row; it is computed if it is missing in `folder`/attempts-<fps>fps."""
+    settings, compute = specification
+    return kept_row(folder / f"attempts-{fps}fps", file_stem(name), settings, partial(_row, compute))
 
 
 def _row(compute: Compute) -> Row:
@@ -114,9 +124,10 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "# Attempts",
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
-        "are made too. Classifiers judge random plans and play the best. Shipped policies (one seed each) try their "
-        f"greedy plan first, then sample. Physics: {DTYPE}; policies: as trained. A row of k attempts has no figure "
-        "beyond k; one that always repeats itself keeps its first.",
+        "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
+        "Shipped policies (one seed each) try their greedy plan first, then sample. The hand-written replies are no "
+        f"model's: they show that the language-model agent works. Physics: {DTYPE}; policies: as trained. A row of k "
+        "attempts has no figure beyond k; one that always repeats itself keeps its first.",
     ]
     for fps, rows in tables.items():
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")
@@ -131,8 +142,9 @@ def _auccess_table(rows: Mapping[str, Row]) -> str:
     """AUCCESS@5, in %, by split, and over all games at 100."""
     cells = []
     for name, row in rows.items():
-        shown = [_spread([float(auccess(_curve(row, game, PEOPLE))) for game in games]) for games in COLUMNS.values()]
-        cells.append([name, *shown])
+        if _attempts(row) >= PEOPLE:
+            curves = [[_curve(row, game, PEOPLE) for game in games] for games in COLUMNS.values()]
+            cells.append([name, *(_spread([float(auccess(one)) for one in of_split]) for of_split in curves)])
     return markdown_table(["agent", *(TITLES[split] for split in COLUMNS)], cells)
 
 
@@ -140,14 +152,11 @@ def _games_table(rows: Mapping[str, Row], fps: int) -> str:
     """Solved within k attempts, AUCCESS@100 and best reward after five, over all games."""
     cells = []
     for name, row in rows.items():
-        length = len(row["solved"][GAMES[0]])
-        solved = [
-            _spread([_curve(row, game, k)[-1] for game in GAMES]) if k <= length or name == "do nothing" else "-"
-            for k in SHOWN
-        ]
-        wide = _spread([float(auccess(_curve(row, game, MOST))) for game in GAMES]) if length in (1, MOST) else "-"
-        reward = np.mean([row["best_reward"][game][min(PEOPLE, length) - 1] for game in GAMES])
-        cells.append([name, *solved, wide, f"{reward:.1f}"])
+        most = _attempts(row)
+        solved = [_spread([_curve(row, game, k)[-1] for game in GAMES]) if k <= most else "-" for k in SHOWN]
+        wide = _spread([float(auccess(_curve(row, game, MOST))) for game in GAMES]) if most == MOST else "-"
+        best = [row["best_reward"][game][:PEOPLE][-1] for game in GAMES]
+        cells.append([name, *solved, wide, f"{np.mean(best):.1f}" if most >= PEOPLE else "-"])
     if fps in (60,):
         people = success_of_people()
         stated = paper_numbers()["agents"]["Human"]["all"]
@@ -156,6 +165,12 @@ def _games_table(rows: Mapping[str, Row], fps: int) -> str:
         )
     header = ["agent", *(f"solved@{k} %" for k in SHOWN), "AUCCESS@100", "best of 5"]
     return markdown_table(header, cells)
+
+
+def _attempts(row: Row) -> int:
+    """The attempts of a row; a single one stands for all, as its agent repeats it."""
+    length = len(row["solved"][GAMES[0]])
+    return MOST if length == 1 else length
 
 
 def _curve(row: Row, game: str, k: int) -> list[float]:

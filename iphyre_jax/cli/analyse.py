@@ -11,14 +11,18 @@ from typing import Annotated, Final, Literal
 import tyro
 from rich.console import Console
 
+from iphyre_jax.agents.language import runs, transcripts
+from iphyre_jax.agents.language.answers import Replay
 from iphyre_jax.analyses import attempts_rows, claims, difficulty, failures, oracle, people, protocols, slack, tables
 from iphyre_jax.analyses.imagination import report as imagination
 from iphyre_jax.analyses.shipped import policies
+from iphyre_jax.cli.ask import Ask
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.storage.manifest import sum_of
 
 What = Literal[
     "oracle",
@@ -109,14 +113,23 @@ def _attempts(command: Analyse, console: Console) -> str:
     found: dict[int, dict[str, Row]] = {}
     missing: dict[int, list[str]] = {}
     for fps in oracle.RATES:
-        names = attempts_rows.specifications(fps)
-        for name in () if command.written_only else names:
+        names = {**attempts_rows.specifications(fps), **_replies(fps)}
+        for name, specification in () if command.written_only else names.items():
             with console.status(f"attempts at {fps}: {name}"):
-                attempts_rows.run(command.rows, fps, [name])
+                attempts_rows.run(command.rows, fps, name, specification)
         kept = read_rows(command.rows / f"attempts-{fps}fps")
         found[fps] = {name: kept[slug] for name in names if (slug := attempts_rows.file_stem(name)) in kept}
         missing[fps] = [name for name in names if name not in found[fps]]
     return attempts_rows.document(found, missing)
+
+
+def _replies(fps: int) -> dict[str, attempts_rows.Specification]:
+    """The language-model agent with the hand-written replies of the package, at the rate that they were written for."""
+    settings, file = Ask().settings(), transcripts.handwritten_file()
+    if fps != settings.fps:
+        return {}
+    decides = {**settings.to_json(), "replies": sum_of(file)}
+    return {"hand-written replies": (decides, lambda: runs.run(settings, Replay(file, settings)).played[0])}
 
 
 def _imagination(command: Analyse, console: Console) -> str:

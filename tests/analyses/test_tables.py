@@ -26,9 +26,12 @@ def test_table_of_attempts_says_what_is_missing() -> None:
         "solved": {game: [0.5, 1.0, 1.0, 1.0, 1.0] for game in GAMES},
         "best_reward": {game: [400.0, 900.0, 900.0, 900.0, 910.0] for game in GAMES},
     }
-    text = attempts_rows.document({60: {"an agent": row}}, {60: ["another"]})
+    two = {name: {game: values[:2] for game, values in column.items()} for name, column in row.items()}
+    text = attempts_rows.document({60: {"an agent": row, "of two": two}}, {60: ["another"]})
     assert "Still missing: another." in text
     assert "| an agent | 50.0 [50, 50] | 100.0 [100, 100] | 100.0 [100, 100] | - | - | - | 910.0 |" in text
+    assert "| of two | 50.0 [50, 50] | 100.0 [100, 100] | - | - | - | - |" in text
+    assert text.count("| of two |") == 1  # AUCCESS@5 needs five attempts
 
 
 def test_claims_are_complete_and_judged() -> None:
