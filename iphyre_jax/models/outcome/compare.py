@@ -36,11 +36,11 @@ ROWS: Final = {
     for config in (
         *(settings("paper", name) for name in ("global", "object", "vision", "plan", "scene")),
         *(settings("clean", name) for name in ("global", "object", "vision", "plan", "scene")),
+        dataclasses.replace(settings("relations"), data="large"),
         settings("relations"),
-        dataclasses.replace(settings("relations"), data="generated"),
     )
 }
-AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations", "relations-generated")  # these ship
+AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations-basic", "relations")  # these ship
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
 SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")

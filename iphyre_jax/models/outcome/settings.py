@@ -89,9 +89,9 @@ class OutcomeConfig:
 
     @property
     def name(self) -> str:
-        """Of the row: "paper-global", "relations-generated"."""
+        """Of the row: "paper-global", "relations", or "relations-basic" without generated scenes."""
         if self.network == "relations":
-            return f"{self.preset}-generated" if self.data == "generated" else self.preset
+            return self.preset if self.data == "generated" else f"{self.preset}-basic"
         return f"{self.preset}-{self.network}"
 
     def to_json(self) -> dict[str, Any]:
@@ -112,7 +112,7 @@ _CLEAN: Final = OutcomeConfig(
 _RELATIONS: Final = OutcomeConfig(
     preset="relations",
     network="relations",
-    data="large",
+    data="generated",
     epochs=40,
     batch_size=256,
     learning_rate=2e-3,
