@@ -13,6 +13,7 @@ from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
+from iphyre_jax.attempts.fine_tuning import BATCH, LEARNING_RATE, FineTuned
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
 from iphyre_jax.attempts.planner import Planner
 from iphyre_jax.attempts.policies import policy_attempts
@@ -34,6 +35,7 @@ MOST: Final = 100  # attempts of random plans and sampled policies
 SHOWN: Final = (1, 2, 5, 10, 100)  # attempts of the columns "solved@"
 PEOPLE: Final = 5  # attempts that people had
 DTYPE: Final = "float64"
+LEARNING: Final = "ppo-i-objects"  # that learns on the game that it tries
 
 Compute = Callable[[], Attempts]
 Specification = tuple[dict[str, Any], Compute]  # settings of a row, and how it is computed
@@ -66,6 +68,10 @@ def specifications(fps: int) -> dict[str, Specification]:
     for name in classifiers.names() if fps == CLASSIFIED else ():
         tried = {**plain, "k": 10, "runs": 5, "classifier": name, "plans": CANDIDATES, "seed": 0}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
+    for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
+        tried = {**common, "k": MOST, "runs": 5, "policy": LEARNING, "pretrained": pretrained, "batch": BATCH}
+        tried.update({"learning_rate": LEARNING_RATE, "seed": 0})
+        found[f"{LEARNING}, {name}"] = tried, partial(_learning, LEARNING, pretrained, MOST, 5, common)
     for name in names():
         first = {**common, "k": 10, "runs": 5, "policy": name, "seed": 0, "greedy_first": True}
         if name.endswith("-o"):
@@ -85,6 +91,12 @@ def _classifier(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attem
     return attempts(ranking_agent(classifiers.load_classifier(name)), k, runs=runs, **plain)
 
 
+def _learning(name: str, pretrained: bool, k: int, runs: int, common: Mapping[str, Any]) -> Attempts:
+    """Attempts of a shipped policy, or of a new one like it, that learns on the game that it tries."""
+    policy = load_pretrained(name)
+    return FineTuned(policy.config, policy.state if pretrained else None).attempts(k, runs=runs, **common)
+
+
 def _policy(name: str, k: int, runs: int, common: Mapping[str, Any], greedy_first: bool) -> Attempts:
     """Attempts of a shipped policy."""
     policy = load_pretrained(name)
@@ -99,15 +111,16 @@ def file_stem(name: str) -> str:
 def run(folder: Path, fps: int, name: str, specification: Specification) -> Row:
     """Return a row; it is computed if it is missing in `folder`/attempts-<fps>fps."""
     settings, compute = specification
-    return kept_row(folder / f"attempts-{fps}fps", file_stem(name), settings, partial(_row, compute))
+    same = "pretrained" not in settings and "feedback" not in [key for key, value in settings.items() if value]
+    return kept_row(folder / f"attempts-{fps}fps", file_stem(name), settings, partial(_row, compute, same))
 
 
-def _row(compute: Compute) -> Row:
-    """Curves and best rewards of every game, as JSON values."""
+def _row(compute: Compute, same: bool) -> Row:
+    """Curves and best rewards of every game, as JSON values; `same`: all attempts are draws of one distribution."""
     played = compute()
     runs, k = played.success.shape[1:]
     curve = solved_curve(played.success)
-    if k == MOST:  # all attempts are draws of one distribution
+    if same and k == MOST:
         curve = solved_curve_of_independent(played.success.sum(axis=(1, 2)), runs * k, k)
     best = best_reward(played.reward)
     return {
@@ -125,9 +138,10 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
         "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
-        "Shipped policies (one seed each) try their greedy plan first, then sample. The hand-written replies are no "
-        f"model's: they show that the language-model agent works. Physics: {DTYPE}; policies: as trained. A row of k "
-        "attempts has no figure beyond k; one that always repeats itself keeps its first.",
+        "Shipped policies (one seed each) try their greedy plan first, then sample. The one that is fine-tuned learns "
+        f"on the game after each {BATCH} attempts, beside one like it that begins from scratch. The hand-written "
+        f"replies are no model's: they show that the language-model agent works. Physics: {DTYPE}; policies: as "
+        "trained. A row of k attempts has no figure beyond k; one that always repeats itself keeps its first.",
     ]
     for fps, rows in tables.items():
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")
