@@ -26,7 +26,7 @@ from iphyre_jax.models.outcome.plays.sets import (
     play_sets,
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
-from iphyre_jax.models.storage import BEST, Comparison
+from iphyre_jax.models.storage import Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.storage.runs import publish
@@ -41,6 +41,7 @@ ROWS: Final = {
     )
 }
 AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations-basic", "relations")  # these ship
+NETWORKS: Final = "networks"  # folder of the networks of all seeds, in a run folder
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
 SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")
@@ -53,7 +54,9 @@ def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console
     state = runs.train(folder, config, learned, sets.choose, console)
     judged = judged_plays(sets, learned, held_out)
     evaluation = runs.evaluate(folder, config, state, judged, natural_rates(sets.official))
-    storage.save_classifier(runs.shipped(config, state, evaluation), folder / BEST)
+    for seed in range(config.seeds):
+        network = runs.trained(config, state, evaluation, seed)
+        storage.save_classifier(dataclasses.replace(network, name=str(seed)), folder / NETWORKS)
     return evaluation
 
 
@@ -64,7 +67,8 @@ def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, cons
         return known
     evaluation = make_row(where.root, config, sets, console)
     if where.weights is not None and config.name in AGENTS:
-        storage.save_classifier(_best(where.root, config.name), where.weights)
+        best = storage.load_classifier(str(runs.best_seed(evaluation)), where.root / config.name / NETWORKS)
+        storage.save_classifier(runs.shipped(best), where.weights)
     publish(where.root / config.name, published)
     return evaluation
 
@@ -126,26 +130,25 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     sets = play_sets(where.root / "data", console)
     found: dict[str, dict[str, Any]] = baseline_rows(sets)
     facts = {"dependence of the inputs on the outcome": _dependence(sets.official), **provenance_facts()}
-    agents: dict[str, Row] = {"random plans": play_agent(where, "random", {}, lambda: draw_randomly)}
+    agents: dict[str, list[Row]] = {"random plans": [play_agent(where, "random", {}, lambda: draw_randomly)]}
     for name, config in ROWS.items():
         if name in wanted:
             found[name] = published_row(where, config, sets, console)
         elif (known := storage.RUNS.read_published(where.published / name, config)) is not None:
             found[name] = known
+        folder = where.root / name / NETWORKS
         if name in found and name in AGENTS:
             with console.status(f"{name} plays {len(GAMES)} games"):
-                ranking = partial(_ranking, where.root, name)
-                agents[name] = play_agent(where, name, {"settings": config.to_json()}, ranking)
+                agents[name] = [
+                    play_agent(where, f"{name}-{seed}", {"settings": config.to_json()}, partial(_ranking, folder, seed))
+                    for seed in range(config.seeds)
+                ]
         report.write(where.out, found, agents, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")
 
 
-def _best(root: Path, name: str) -> storage.OutcomeClassifier:
-    return storage.load_classifier(name, root / name / BEST)
-
-
-def _ranking(root: Path, name: str) -> Agent:
-    return ranking_agent(_best(root, name))
+def _ranking(networks: Path, seed: int) -> Agent:
+    return ranking_agent(storage.load_classifier(str(seed), networks))
 
 
 def _dependence(plays: Dataset) -> str:

@@ -115,13 +115,13 @@ def games_table(evaluations: Mapping[str, Mapping[str, Any]], columns: Sequence[
     return markdown_table(["game", *evaluations], [[game, *cells] for game, cells in games.items()])
 
 
-def agents_table(agents: Mapping[str, Mapping[str, Any]]) -> str:
-    """Shares of games solved at the first attempt and within five, by split."""
+def agents_table(agents: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Shares of games solved at the first attempt and within five, by split; mean and spread over seeds."""
     splits = ("basic", "noisy", "compositional", "multi_ball")
     rows = []
     for name, found in agents.items():
-        cells = [f"{100 * found[split][0]:.0f} / {100 * found[split][4]:.0f}" for split in splits]
-        rows.append([name, *cells])
+        shares = [[[seed[split][k] for seed in found] for k in (0, 4)] for split in splits]
+        rows.append([name, *(" / ".join(cell(values, digits=0) for values in pair) for pair in shares)])
     return markdown_table(["agent", *(TITLES.get(split, split) for split in splits)], rows)
 
 
@@ -151,7 +151,7 @@ def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], c
 def write(
     out: Path,
     evaluations: Mapping[str, Mapping[str, Any]],
-    agents: Mapping[str, Mapping[str, Any]],
+    agents: Mapping[str, Sequence[Mapping[str, Any]]],
     missing: Sequence[str],
     facts: Mapping[str, Any],
 ) -> None:
@@ -160,7 +160,7 @@ def write(
     Args:
         out: of the document.
         evaluations: by name of the row, in the order shown.
-        agents: shares solved within 1, ..., k attempts by split, by name.
+        agents: of each seed the shares solved within 1, ..., k attempts by split, by name.
         missing: rows that are not trained yet.
         facts: data and provenance, JSON values.
     """
@@ -184,7 +184,7 @@ def write(
         parts += [
             "## As an agent",
             "Each agent judges 1,000 random plans and plays the best. Games solved at the first attempt / within five, "
-            "%, mean over repeats; 60 steps a second.",
+            "%, mean over repeats and over seeds ± standard deviation over seeds; 60 steps a second.",
             agents_table(agents),
         ]
     parts += [

@@ -163,15 +163,17 @@ def best_seed(evaluation: Mapping[str, Any]) -> int:
     return int(np.argmax(np.mean(scores, axis=0)))
 
 
-def shipped(config: OutcomeConfig, state: OutcomeState, evaluation: Mapping[str, Any]) -> storage.OutcomeClassifier:
-    """The best network of a run, rounded as it ships."""
-    seed = best_seed(evaluation)
+def trained(
+    config: OutcomeConfig, state: OutcomeState, evaluation: Mapping[str, Any], seed: int
+) -> storage.OutcomeClassifier:
+    """The network of a seed, rounded as it ships."""
     accuracy = {name: column["accuracy"][seed] for name, column in evaluation["columns"].items()}
-    origin = {
-        "seed": seed,
-        "chosen by": "mean accuracy on held-out plans of basic games and on unseen basic games",
-        "accuracy": accuracy,
-        "trained": provenance(),
-    }
+    origin = {"seed": seed, "accuracy": accuracy, "trained": provenance()}
     params = storage.rounded(chosen(config, state), seed)
     return storage.OutcomeClassifier(config.name, dataclasses.replace(config, seeds=1), params, origin)
+
+
+def shipped(best: storage.OutcomeClassifier) -> storage.OutcomeClassifier:
+    """The network of the `best_seed`, which says how it was chosen."""
+    reason = "mean accuracy on held-out plans of basic games and on unseen basic games"
+    return dataclasses.replace(best, name=best.config.name, origin={**best.origin, "chosen by": reason})

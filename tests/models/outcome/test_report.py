@@ -41,7 +41,7 @@ def test_measures_of_constant_judgements() -> None:
 
 def test_document(tmp_path: Path) -> None:
     curve = [0.25, 0.3, 0.35, 0.4, 0.5]
-    agents = {"random plans": dict.fromkeys(("basic", "noisy", "compositional", "multi_ball"), curve)}
+    agents = {"random plans": [dict.fromkeys(("basic", "noisy", "compositional", "multi_ball"), curve)]}
     rows = {"paper-global": evaluation(0.9, 0.1)}
     report.write(tmp_path / "outcome.md", rows, agents, ["relations"], {"commit": "abc"})
     text = (tmp_path / "outcome.md").read_text()

@@ -71,9 +71,10 @@ def test_evaluates_ships_and_plays(trained: tuple[Path, training.OutcomeState], 
     evaluation = runs.evaluate(folder, CONFIG, state, judged, np.full(3, 0.25))
     assert storage.RUNS.read_evaluation(folder)["columns"] == evaluation["columns"]
     assert evaluation["parameters"] == 24 * 256 + 256 + 256 * 2 + 2
-    storage.save_classifier(runs.shipped(CONFIG, state, evaluation), tmp_path)
-    loaded = storage.load_classifier("clean-plan", tmp_path)
     best = runs.best_seed(evaluation)
+    storage.save_classifier(runs.shipped(runs.trained(CONFIG, state, evaluation, best)), tmp_path)
+    loaded = storage.load_classifier("clean-plan", tmp_path)
+    assert loaded.origin["seed"] == best
     before = runs.judge(CONFIG, training.chosen(CONFIG, state), JUDGED)[best]
     np.testing.assert_allclose(runs.judge(loaded.config, loaded.params, JUDGED)[0], before, atol=0.02)
     # As an agent: it believes in removals of the first block before 3.5 s.
