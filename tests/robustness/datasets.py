@@ -3,6 +3,7 @@
     python tests/robustness/datasets.py                  counts of all forty games, time, labels played again
     python tests/robustness/datasets.py --reference      the exact form against pymunk, game by game
     python tests/robustness/datasets.py --sets           the named sets, a fiftieth of each: labels, no shared play
+    python tests/robustness/datasets.py --sets --whole   the named sets themselves
     python tests/robustness/datasets.py --kill           killed at any moment, it goes on to the same bits
 
 Exits with 1 if anything differs. It writes build/datasets-*.json.
@@ -158,12 +159,15 @@ def check_reference(games: Sequence[str], wanted: int) -> list[str]:
     return problems
 
 
-def check_sets() -> list[str]:
-    """Make a fiftieth of each named set, play all of it again, and look for plays in both train and test."""
+def check_sets(whole: bool) -> list[str]:
+    """Make a fiftieth of each named set, or all, play all of it again, and look for plays in both train and test."""
     problems = []
     with tempfile.TemporaryDirectory() as folder:
-        options = {"folder": folder, "scale": 50, "games": ("support", "hole", "unseen_support")}
-        made = {name: named_set(name, **options) for name in NAMED_SETS}
+        part = {} if whole else {"scale": 50, "games": ("support", "hole", "unseen_support")}
+        made = {}
+        for name in NAMED_SETS:
+            made[name] = named_set(name, folder=folder, **part)
+            print(f"made {name}", flush=True)
     for name, dataset in made.items():
         problems += [f"{name}: {line}" for line in verify(dataset)]
         print(name, len(dataset), flush=True)
@@ -171,7 +175,10 @@ def check_sets() -> list[str]:
         for other in ("test", "pairs", "graded"):
             if (name, other) != ("official", "graded") and (shared := shared_plays(made[name], made[other])):
                 problems.append(f"{name} and {other} share {shared} plays")
-    write("sets", {"plays": {name: len(dataset) for name, dataset in made.items()}, "problems": problems})
+    write(
+        "sets-whole" if whole else "sets",
+        {"plays": {name: len(dataset) for name, dataset in made.items()}, "problems": problems},
+    )
     return problems
 
 
@@ -223,6 +230,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--reference", action="store_true", help="compare the exact form with pymunk")
     parser.add_argument("--sets", action="store_true", help="check the named sets")
+    parser.add_argument("--whole", action="store_true", help="the whole named sets for --sets")
     parser.add_argument("--kill", action="store_true", help="kill the command again and again")
     parser.add_argument("--kills", type=int, default=10, help="how often for --kill")
     parser.add_argument("--games", nargs="+", default=list(GAMES), help="only these games")
@@ -233,7 +241,7 @@ def main() -> None:
     elif options.kill:
         problems = check_kills(options.kills)
     else:
-        problems = check_sets() if options.sets else check_counts(options.games) + check_ten(options.games)
+        problems = check_sets(options.whole) if options.sets else check_counts(options.games) + check_ten(options.games)
     for problem in problems:
         print(problem)
     sys.exit(1 if problems else 0)
