@@ -133,11 +133,9 @@ def settings(preset: PresetName = "paper", strategy: StrategyName = "in-advance"
     if preset in ("clone-solved", "clone-all"):
         config = dataclasses.replace(config, returns=False, solved_share=float(preset == "clone-solved"))
     if preset == "ours":
-        return dataclasses.replace(
-            config, context=EVENTS, updates=300, batch_size=128, mirrored=True, solved_share=0.6, seeds=1
-        )
+        return dataclasses.replace(config, context=EVENTS, updates=300, batch_size=128, mirrored=True, solved_share=0.6)
     if strategy == "combined":
-        return dataclasses.replace(config, context=EVENTS, updates=200, batch_size=64, seeds=3)
+        return dataclasses.replace(config, context=EVENTS, updates=200, batch_size=64)
     if strategy == "on-the-fly":
-        return dataclasses.replace(config, context=20, updates=200, batch_size=32, seeds=1, fps=OFFICIAL_FPS)
+        return dataclasses.replace(config, context=20, updates=200, batch_size=32, fps=OFFICIAL_FPS)
     return config
