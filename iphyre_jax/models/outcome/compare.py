@@ -26,7 +26,7 @@ from iphyre_jax.models.outcome.plays.sets import (
     play_sets,
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
-from iphyre_jax.models.storage import Comparison
+from iphyre_jax.models.storage import Comparison, forget_programs
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.storage.runs import publish
@@ -70,6 +70,7 @@ def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, cons
         best = storage.load_classifier(str(runs.best_seed(evaluation)), where.root / config.name / NETWORKS)
         storage.save_classifier(runs.shipped(best), where.weights)
     publish(where.root / config.name, published)
+    forget_programs()
     return evaluation
 
 

@@ -13,7 +13,7 @@ from iphyre_jax.checks import check_option
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
-from iphyre_jax.models.storage import BEST, Comparison
+from iphyre_jax.models.storage import BEST, Comparison, forget_programs
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train.storage.runs import publish
@@ -55,6 +55,7 @@ def published_row(where: Comparison, config: SequenceConfig, console: Console) -
     if where.weights is not None and config.name in SHIPPED:
         storage.save_model(storage.load_model(config.name, where.root / config.name / BEST), where.weights)
     publish(where.root / config.name, published)
+    forget_programs()
     return found
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.settings import row_of
-from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
+from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison, forget_programs
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
@@ -144,6 +144,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     for seed, name in product(SEEDS, wanted):
         publish_run(where, row_settings(name, seed), console)
         write_report(where)
+        forget_programs()
     if where.weights is not None:
         folders = [where.root / row_settings(SHIPPED, seed).name for seed in SEEDS]
         if all((folder / EVALUATION).is_file() for folder in folders):
