@@ -25,6 +25,7 @@ import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_text
+from iphyre_jax.memory import forget_programs
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
@@ -273,6 +274,7 @@ def main(arguments: Arguments) -> None:
             part, config = Path(name) / f"seed-{seed}", replace(table[name], seed=seed)
             if run_row(arguments.root / part, arguments.published / part, config, console):
                 write(arguments, table)
+                forget_programs()
     for name in arguments.only or table:
         if table[name].agent != "random":
             export_best(arguments, name)

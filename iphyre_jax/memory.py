@@ -1,10 +1,12 @@
-"""Memory: what a call will take is worked out before it is asked for, and refused if there is not so much."""
+"""Memory: what a call will take is worked out before it is asked for, and refused if there is not so much; what is freed."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 from typing import Final
+
+import jax
 
 UNKNOWN: Final = 16 * 10**9  # bytes; taken for free where the system does not say
 _UNLIMITED: Final = 2**62  # bytes
@@ -85,3 +87,11 @@ def _lines(path: Path) -> list[str]:
 
 def _gigabytes(size: float) -> str:
     return f"{size / 1e9:.3g} GB" if size < 1e15 else f"{size:.1e} bytes"
+
+
+def forget_programs() -> None:
+    """Free the programs that JAX has compiled in this process, between two runs that share none.
+
+    Linux lets a process map 65,530 pieces of memory, and each program takes some. Beyond that LLVM crashes.
+    """
+    jax.clear_caches()

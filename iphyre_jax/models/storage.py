@@ -178,14 +178,6 @@ class WeightFiles(Generic[S]):
         return config, restored(read_npz(arrays, self.max_bytes), like, arrays), content.get("origin", {})
 
 
-def forget_programs() -> None:
-    """Free the programs that JAX has compiled in this process, between two runs that share none.
-
-    Linux lets a process map 65,530 pieces of memory, and each program takes some. Beyond that LLVM crashes.
-    """
-    jax.clear_caches()
-
-
 def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | None:
     """The arrays of state.npz; None if there is none.
 

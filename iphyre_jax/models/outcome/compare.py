@@ -14,6 +14,7 @@ from rich.console import Console
 from iphyre_jax.checks import check_option
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.kept_rows import Row, kept_row
+from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.outcome import baselines, report, runs, storage
 from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
@@ -26,7 +27,7 @@ from iphyre_jax.models.outcome.plays.sets import (
     play_sets,
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
-from iphyre_jax.models.storage import Comparison, forget_programs
+from iphyre_jax.models.storage import Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.storage.runs import publish

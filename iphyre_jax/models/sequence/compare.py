@@ -11,9 +11,10 @@ from rich.console import Console
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.kept_rows import Row, kept_row
+from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
-from iphyre_jax.models.storage import BEST, Comparison, forget_programs
+from iphyre_jax.models.storage import BEST, Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train.storage.runs import publish

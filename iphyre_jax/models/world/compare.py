@@ -12,8 +12,9 @@ from rich.console import Console
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
+from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.settings import row_of
-from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison, forget_programs
+from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
