@@ -1,4 +1,4 @@
-"""Memory: what a call will take is worked out before it is asked for, and refused if there is not so much; what is freed."""
+"""Memory: what a call will take is worked out before it asks for it, and refused if too little is free."""
 
 from __future__ import annotations
 
