@@ -30,6 +30,7 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.predictions import PERFECT, ZEROS, open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 from iphyre_jax.train.settings.agents import PPO, AgentName
@@ -53,7 +54,7 @@ PREDICTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         "zeros": {"prediction": "zeros"},
         "mdrnn-400": {"prediction": "build/world/mdrnn-400-0"},
         "mdrnn-5000": {"prediction": "build/world/mdrnn-5000-0"},
-        "objects": {"prediction": "objects-unlimited"},
+        "objects": {"prediction": "build/world/objects-unlimited-0"},
         "perfect": {"prediction": "perfect"},
         "motion": {"observation": "motion"},
     }
@@ -168,14 +169,25 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
         check_settings(folder, runs.read_config(folder), config)
     else:
         state = finished_run(folder, config, console)
-        runs.write_evaluation(folder, config, evaluate(config, state.learner, PLAYED), int(state.update))
+        as_run = runs.read_config(folder)  # with the sums of its files
+        runs.write_evaluation(folder, as_run, evaluate(as_run, state.learner, PLAYED), int(state.update))
     runs.publish(folder, published)
     return True
 
 
 def is_published(folder: Path, config: TrainConfig) -> bool:
-    """Whether a run with these settings is published in a folder; one with others is out of date."""
-    return (folder / runs.EVALUATION).is_file() and _without_sums(runs.read_config(folder)) == config
+    """Whether a run with these settings is published in a folder; one with others, or another model, is out of date."""
+    if not (folder / runs.EVALUATION).is_file():
+        return False
+    found = runs.read_config(folder)
+    return _without_sums(found) == config and not _changed_model(found)
+
+
+def _changed_model(config: TrainConfig) -> bool:
+    """Whether the world model of a run is there, and is another one now."""
+    if config.prediction in ("", ZEROS, PERFECT) or not Path(config.prediction).is_dir():
+        return False
+    return with_prediction_sum(replace(config, prediction_sha256="")) != config
 
 
 def export_best(arguments: Arguments, name: str) -> None:
@@ -264,12 +276,16 @@ def _unseen(rows: Sequence[compare.Row]) -> str:
 def main(arguments: Arguments) -> None:
     """Run what is missing and write the document."""
     configure()
-    console, table = Console(), rows(arguments.table)
+    console, table, seeds = Console(), rows(arguments.table), range(arguments.seeds)
     for name in arguments.only:
         if name not in table:
             raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
     write(arguments, table)
-    for seed in range(arguments.seeds):
+    for name in arguments.only or table:
+        folder = arguments.published / name
+        if not all(is_published(folder / f"seed-{seed}", replace(table[name], seed=seed)) for seed in seeds):
+            open_prediction(table[name])  # before anything is trained: its world model must be there
+    for seed in seeds:
         for name in arguments.only or table:
             part, config = Path(name) / f"seed-{seed}", replace(table[name], seed=seed)
             if run_row(arguments.root / part, arguments.published / part, config, console):

@@ -29,7 +29,8 @@ from iphyre_jax.models.world.planning import PLANS
 from iphyre_jax.models.world.plays import FPS as IMAGINED
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
-from iphyre_jax.train.storage.pretrained import load_pretrained, names
+from iphyre_jax.train.storage.manifest import sum_of
+from iphyre_jax.train.storage.pretrained import WEIGHTS, load_pretrained, names
 
 MOST: Final = 100  # attempts of random plans and sampled policies
 SHOWN: Final = (1, 2, 5, 10, 100)  # attempts of the columns "solved@"
@@ -63,21 +64,50 @@ def specifications(fps: int) -> dict[str, Specification]:
         **planners,
     }
     for name in world_models.names() if fps == IMAGINED else ():
-        tried = {**plain, "k": 5, "runs": 2, "world model": name, "plans": PLANS, "seed": 0}
+        tried = {
+            **plain,
+            "k": 5,
+            "runs": 2,
+            "world model": name,
+            **_sum(world_models.WEIGHTS, name),
+            "plans": PLANS,
+            "seed": 0,
+        }
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     for name in classifiers.names() if fps == CLASSIFIED else ():
-        tried = {**plain, "k": 10, "runs": 5, "classifier": name, "plans": CANDIDATES, "seed": 0}
+        tried = {
+            **plain,
+            "k": 10,
+            "runs": 5,
+            "classifier": name,
+            **_sum(classifiers.WEIGHTS, name),
+            "plans": CANDIDATES,
+            "seed": 0,
+        }
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
     for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
-        tried = {**common, "k": MOST, "runs": 5, "policy": LEARNING, "pretrained": pretrained, "batch": BATCH}
+        tried = {
+            **common,
+            "k": MOST,
+            "runs": 5,
+            "policy": LEARNING,
+            **_sum(WEIGHTS, LEARNING),
+            "pretrained": pretrained,
+            "batch": BATCH,
+        }
         tried.update({"learning_rate": LEARNING_RATE, "seed": 0})
         found[f"{LEARNING}, {name}"] = tried, partial(_learning, LEARNING, pretrained, MOST, 5, common)
     for name in names():
-        first = {**common, "k": 10, "runs": 5, "policy": name, "seed": 0, "greedy_first": True}
+        first = {**common, "k": 10, "runs": 5, "policy": name, **_sum(WEIGHTS, name), "seed": 0, "greedy_first": True}
         if name.endswith("-o"):
             first["greedy"] = "median"  # of the time until the next removal; rows by the mode have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
+
+
+def _sum(weights: Path, name: str) -> dict[str, str]:
+    """The sum of a shipped model: a row of an older one is out of date."""
+    return {"sha256": sum_of(weights / f"{name}.npz")}
 
 
 def _world_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
@@ -111,7 +141,7 @@ def file_stem(name: str) -> str:
 def run(folder: Path, fps: int, name: str, specification: Specification) -> Row:
     """Return a row; it is computed if it is missing in `folder`/attempts-<fps>fps."""
     settings, compute = specification
-    same = "pretrained" not in settings and "feedback" not in [key for key, value in settings.items() if value]
+    same = "pretrained" not in settings and not settings.get("feedback")
     return kept_row(folder / f"attempts-{fps}fps", file_stem(name), settings, partial(_row, compute, same))
 
 

@@ -1,7 +1,7 @@
 """Attempts of policies that learn on the game that they try: pretrained, or from scratch. Needs the extra `train`.
 
 The first attempt is the greedy plan. The others are sampled in batches, and the policy learns from each batch before
-the next. It sees what it did and the rewards, as in training. Every game and run begins with the same policy.
+the next. It sees what it did and the rewards, as in training. Every game and run begins anew.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to the trainer
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS

@@ -23,7 +23,7 @@ from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.planning import PLANS, TRIES
 from iphyre_jax.models.world.reports.metrics import HORIZONS
 from iphyre_jax.models.world.reports.report import TITLES
-from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan
+from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan, seconds_of
 from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.simulation import simulate
@@ -154,13 +154,9 @@ def _evaluate(action: Evaluate, console: Console) -> None:
         )
 
 
-def _model(name: str) -> storage.WorldModel:
-    return storage.load_model(name) if name in storage.names() else storage.trained_model(Path(name))
-
-
 def _film(action: Film, console: Console) -> None:
     scene = load_scene(action.scene)
-    found = roll_out_plan(_model(action.model), scene, parse_plan(action.plan, scene)[0])
+    found = roll_out_plan(storage.named_model(action.model)[0], scene, parse_plan(action.plan, scene)[0])
     model = Path(action.model).name
     plays = {"simulator": found.real, model: found.imagined}
     if action.out.suffix.lower() == ".html":
@@ -173,14 +169,15 @@ def _film(action: Film, console: Console) -> None:
         draw_errors(action.errors, found, f"{scene.name}: error of {model}")
     ends = ", ".join(f"{name} {'solved' if play.success else 'not solved'}" for name, play in plays.items())
     error = found.error["model"]
-    say(console, f"{action.out}: {ends}; error of balls after 1 s {error[min(10, len(error) - 1)]:.1f} px")
+    at = min(11, len(error) - 1)
+    say(console, f"{action.out}: {ends}; error of balls {error[at]:.1f} px after {seconds_of(at):.1f} s")
 
 
 def _plan(action: PlanInModel, console: Console) -> None:
     scene = load_scene(action.scene)
     check_whole("plans", action.plans)
     check_whole("best", action.best, 1, action.plans)
-    model = _model(action.model)
+    model = storage.named_model(action.model)[0]
     times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
     imagined = WorldImagination(model)(scene, times)
     best = preferred(imagined[None])[: action.best]

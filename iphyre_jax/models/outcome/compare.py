@@ -19,8 +19,8 @@ from iphyre_jax.models.outcome import baselines, report, runs, storage
 from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
 from iphyre_jax.models.outcome.plays.sets import (
-    TRAINED,
     PlaySets,
+    held_out_plays,
     judged_plays,
     learned_plays,
     natural_rates,
@@ -51,9 +51,9 @@ SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")
 def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console) -> dict[str, Any]:
     """Train and evaluate a row in its run folder, or what is left of that; its evaluation."""
     folder = root / config.name
-    learned, held_out = learned_plays(sets, config.data, root / "data", console)
+    learned = learned_plays(sets, config.data, root / "data", console)
     state = runs.train(folder, config, learned, sets.choose, console)
-    judged = judged_plays(sets, learned, held_out)
+    judged = judged_plays(sets, learned, held_out_plays(config.data, root / "data", console))
     evaluation = runs.evaluate(folder, config, state, judged, natural_rates(sets.official))
     for seed in range(config.seeds):
         network = runs.trained(config, state, evaluation, seed)
@@ -67,9 +67,6 @@ def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, cons
     if (known := storage.RUNS.read_published(published, config)) is not None:
         return known
     evaluation = make_row(where.root, config, sets, console)
-    if where.weights is not None and config.name in AGENTS:
-        best = storage.load_classifier(str(runs.best_seed(evaluation)), where.root / config.name / NETWORKS)
-        storage.save_classifier(runs.shipped(best), where.weights)
     publish(where.root / config.name, published)
     forget_programs()
     return evaluation
@@ -77,8 +74,8 @@ def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, cons
 
 def baseline_rows(sets: PlaySets) -> dict[str, dict[str, Any]]:
     """Rows that need no network."""
-    judged = judged_plays(sets, *learned_plays(sets, "official", Path(), Console(quiet=True)))
-    learned = judged[TRAINED]
+    learned = learned_plays(sets, "official", Path(), Console(quiet=True))
+    judged = judged_plays(sets, learned, {})
     rates = natural_rates(sets.official)
 
     def row(judge: Any) -> dict[str, Any]:  # noqa: ANN401 - a function from plays to chances
@@ -139,6 +136,9 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
         elif (known := storage.RUNS.read_published(where.published / name, config)) is not None:
             found[name] = known
         folder = where.root / name / NETWORKS
+        if name in found and name in AGENTS and where.weights is not None and folder.is_dir():
+            best = storage.load_classifier(str(runs.best_seed(found[name])), folder)
+            storage.save_classifier(runs.shipped(best), where.weights)
         if name in found and name in AGENTS:
             with console.status(f"{name} plays {len(GAMES)} games"):
                 agents[name] = [

@@ -53,8 +53,6 @@ def published_row(where: Comparison, config: SequenceConfig, console: Console) -
     if (known := storage.RUNS.read_published(published, config)) is not None:
         return known
     found = make_row(where.root, config, console)
-    if where.weights is not None and config.name in SHIPPED:
-        storage.save_model(storage.load_model(config.name, where.root / config.name / BEST), where.weights)
     publish(where.root / config.name, published)
     forget_programs()
     return found
@@ -107,5 +105,7 @@ def compare(
             continue
         if config.fps not in below:
             below[config.fps] = bounds(where, config, console)
+        if name in SHIPPED and where.weights is not None and (where.root / name / BEST).is_dir():
+            storage.save_model(storage.load_model(name, where.root / name / BEST), where.weights)
         report.write(where.out, found, below, best, [row for row in ROWS if row not in found], facts)
     console.print(f"Written: {where.out}")

@@ -31,7 +31,7 @@ SUM: Final = "sum"  # SHA-256 of the plays, as an array beside those of the epis
 def official_plays(config: SequenceConfig, folder: Path, console: Console) -> Dataset:
     """50 solving and 50 failing plays of each basic game at the rate of a row: the paper's data."""
     if config.fps != OFFICIAL_FPS:
-        return learned_plays(play_sets(folder, console), "official", folder, console)[0]
+        return learned_plays(play_sets(folder, console), "official", folder, console)
     file, protocol = folder / f"basic-{OFFICIAL_FPS}fps.npz", config.protocol
     if not (file.is_file() and file.with_suffix(".json").is_file()):
         console.print(f"collecting {OF_A_KIND} + {OF_A_KIND} plans of each basic game at {OFFICIAL_FPS} steps a second")
@@ -43,7 +43,7 @@ def official_plays(config: SequenceConfig, folder: Path, console: Console) -> Da
 
 def large_plays(config: SequenceConfig, folder: Path, console: Console) -> Dataset:
     """Thousands of plays of each basic game, and of its variations; with states on the way fewer variations."""
-    plays = learned_plays(play_sets(folder, console), "large", folder, console)[0]
+    plays = learned_plays(play_sets(folder, console), "large", folder, console)
     if config.strategy == "in-advance":
         return plays
     basic = np.array([scene.name in SPLITS["basic"] for scene in plays.scenes])[plays.game]

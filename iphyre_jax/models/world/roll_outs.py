@@ -6,7 +6,7 @@ A frame is 0.1 s. Frame 0 is the start; frame k > 0 is one physics step after k 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,14 +16,13 @@ from matplotlib.figure import Figure
 
 from iphyre_jax.models.world.interface import (
     Predict,
-    falls_until_contact,
-    nothing_moves,
     predictor,
     roll,
     start_memory,
     start_rows,
 )
-from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, removal_instants
+from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, STAYS, instants, removal_instants
+from iphyre_jax.models.world.reports.metrics import BOUNDS
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.models.world.tables import SceneTables, scene_tables
 from iphyre_jax.plans import plan_to_steps
@@ -31,8 +30,6 @@ from iphyre_jax.rules import DECISIONS_PER_SECOND, GOAL_Y, NEVER
 from iphyre_jax.scenes import Scene
 from iphyre_jax.simulation import simulate
 from iphyre_jax.viewer.recording import Recording
-
-BOUNDS: Final[dict[str, Predict]] = {"nothing moves": nothing_moves, "free fall until contact": falls_until_contact}
 
 Floats = npt.NDArray[np.float64]
 
@@ -56,7 +53,10 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     Raises:
         ValueError: one line; the scene is too large, or a time is wrong.
     """
-    steps = plan_to_steps(np.asarray(times, np.float64)[None], FPS, "simulate")
+    plan = np.asarray(times, np.float64)
+    if plan.shape != (len(scene.eliminable_blocks),):
+        raise ValueError(f"times: expected {len(scene.eliminable_blocks)} of {scene.name}, got shape {plan.shape}")
+    steps = plan_to_steps(plan[None], FPS, "simulate")
     played = simulate(scene, steps, fps=FPS, dtype="float64", sample_every=1)
     if played.samples is None:
         raise RuntimeError("simulate gave no samples")
@@ -64,10 +64,13 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     real = np.concatenate([poses[:1], poses[FIRST::EVERY][:INSTANTS]])
     made = int(np.clip(-(-(int(played.steps[0]) - FIRST) // EVERY) + 1, 1, len(real) - 1))
     real = real[: made + 1]
-    plan = np.where(steps[0] == NEVER, NEVER, -(-steps[0] // EVERY) + 1)
-    shown = _recording(scene, plan, real, bool(played.success[0]))
+    # A recording's plan is the last frame in which a block is there.
+    last = np.where(steps[0] == NEVER, NEVER, -(-steps[0] // EVERY))
+    shown = _recording(scene, last, real, bool(played.success[0]))
 
     gone = removal_instants([scene], np.zeros(1, np.int32), steps)
+    at = instants(steps[0])
+    imagined_last = np.where(at == STAYS, NEVER, at + 1)
     tables = scene_tables([scene])
     dreams = {
         name: _poses(predict, model, tables, gone, scene)
@@ -80,7 +83,12 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     }
     low = dreams["model"][:, balls, 1].min(axis=-1) > GOAL_Y
     end = int(low.argmax()) if low.any() else len(low) - 1
-    return RollOut(shown, _recording(scene, plan, dreams["model"][: end + 1], bool(low.any())), error)
+    return RollOut(shown, _recording(scene, imagined_last, dreams["model"][: end + 1], bool(low.any())), error)
+
+
+def seconds_of(frame: Any) -> Any:  # noqa: ANN401 - numbers, or one
+    """The time of a frame after the first, s."""
+    return (FIRST + EVERY * (frame - 1)) / FPS
 
 
 def _recording(scene: Scene, plan: npt.NDArray[np.integer], poses: Floats, success: bool) -> Recording:
@@ -125,11 +133,11 @@ def draw_errors(path: Path, found: RollOut, title: str) -> None:
     figure = Figure(figsize=(6.4, 3.6), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for name, values in found.error.items():
-        seconds = np.arange(len(values)) / DECISIONS_PER_SECOND
+        seconds = np.maximum(seconds_of(np.arange(len(values))), 0)
         axes.plot(seconds, np.maximum(values, 1e-2), label=name, linewidth=2 if name == "model" else 1)
     for step in found.real.plan:
         if 0 <= step < len(found.real.poses):
-            axes.axvline(step / DECISIONS_PER_SECOND, color="grey", linewidth=0.8, linestyle=":")
+            axes.axvline(seconds_of(step), color="grey", linewidth=0.8, linestyle=":")
     axes.set(title=title, xlabel="s", ylabel="error of balls, px", yscale="log", ylim=(1e-2, 1e3))
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")

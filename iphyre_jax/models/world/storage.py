@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from iphyre_jax.checks import show
 from iphyre_jax.files import pack_npz, read_json_object, replace_bytes, replace_text
 from iphyre_jax.models.storage import CONFIG, METRICS, STATE, RunFolders, WeightFiles, read_state
 from iphyre_jax.models.world.settings import WorldConfig
@@ -82,6 +83,20 @@ def trained_model(folder: Path) -> WorldModel:
     described = read_json_object(folder / CONFIG)
     trained = {key: described.get(key) for key in provenance()}  # where it was, not where we are
     return WorldModel(config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": trained})
+
+
+def named_model(name: str) -> tuple[WorldModel, Path]:
+    """A model of the package by its name, or of a run by its folder; and the file of its parameters.
+
+    Raises:
+        FileNotFoundError, ValueError: one line; there is no such model, or its files are damaged.
+    """
+    if name in names():
+        return load_model(name), WEIGHTS / f"{name}.npz"
+    folder = Path(name)
+    if not (folder / STATE).is_file():
+        raise ValueError(f"model: expected one of {', '.join(names())}, or the run folder of one; got {show(name)}")
+    return trained_model(folder), folder / STATE
 
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:

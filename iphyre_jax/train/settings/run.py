@@ -85,8 +85,8 @@ class TrainConfig:
 
     prediction: str = ""
     """What the observation ends with: the official table 0.1 s later if nothing is removed now (not in advance; "mlp"
-    only). "zeros", as many zeros; "perfect", as the simulator says; or by a world model: its name in the package, or
-    its run folder."""
+    only). "zeros", as many zeros; "perfect", as the simulator says; or by a world model, which learned at 60 steps a
+    second: its name in the package, or its run folder."""
 
     prediction_sha256: str = ""
     """SHA-256 sum of that world model. A run writes it down when it starts, and resumes with no other one."""
@@ -177,6 +177,7 @@ class TrainConfig:
         """The agent's name in results: algorithm, strategy, preset, observation, action head, rate, seed."""
         return (
             f"{AGENTS[self.agent].title} {self.strategy}, {self.preset} preset, {self.observation} observation, "
+            f"{f'prediction {self.prediction}, ' if self.prediction else ''}"
             f"{self.head} head, {self.fps} fps, seed {self.seed}"
         )
 
@@ -256,6 +257,8 @@ def _check_prediction(config: TrainConfig) -> None:
         return
     _require(config, "prediction", config.strategy != "in-advance", "none in advance: nothing moves yet")
     _require(config, "network", config.network == "mlp", "mlp with a prediction")
+    by_model = config.prediction not in ("zeros", "perfect")
+    _require(config, "fps", not by_model or config.fps == 60, "60 with a world model, which learned at that rate")
 
 
 def _check_learner(config: TrainConfig) -> None:

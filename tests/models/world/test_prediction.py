@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -103,6 +105,21 @@ def test_networks_begin_with_room_for_a_prediction() -> None:
     assert algorithm(config).greedy_policy(learner)(seen).shape == (len(GAMES),)
 
 
+@pytest.mark.slow
+def test_the_command_line_knows_world_models() -> None:
+    plain = ["train", "--agent", "ppo", "--strategy", "on-the-fly", "--fps", "60", "--head", "categorical"]
+    command = [sys.executable, "-m", "iphyre_jax", *plain, "--prediction", "nothing"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "expected one of objects-unlimited" in " ".join(done.stderr.split())
+
+
+def test_a_world_model_needs_its_rate() -> None:
+    with pytest.raises(ValueError, match="fps: expected 60 with a world model"):
+        replace(PLAIN, fps=10, prediction="objects-unlimited").check()
+    replace(PLAIN, fps=10, prediction="perfect").check()
+
+
 def test_a_model_that_is_not_there_is_refused() -> None:
-    with pytest.raises(ValueError, match="prediction: expected one of zeros, perfect, objects-unlimited, or the run"):
+    with pytest.raises(ValueError, match="zeros, perfect, or model: expected one of objects-unlimited, or"):
         prediction.read_prediction("nothing")

@@ -32,6 +32,9 @@ def test_the_real_one_is_what_the_simulator_plays(found: roll_outs.RollOut) -> N
     np.testing.assert_allclose(found.real.poses[frame][there], sample[there], atol=1e-9)
     assert found.real.fps == 10
     assert (len(found.real.poses) - 1) * 6 >= played.steps[0] - 1
+    # Frame k is the world after 1 + 6 (k - 1) steps: a block is there in the last frame before its removal.
+    assert found.real.plan == (-1, -1, 14, 6)
+    assert [1 + 6 * (frame - 1) <= step < 1 + 6 * frame for frame, step in ((14, 83), (6, 33))] == [True, True]
 
 
 @pytest.mark.slow

@@ -111,25 +111,35 @@ def natural_rates(plays: Dataset) -> npt.NDArray[np.float64]:
     return np.array([entry["solved"] / max(entry["draws"], 1) for entry in entries])
 
 
-def learned_plays(sets: PlaySets, data: DataName, folder: Path, console: Console) -> tuple[Dataset, dict[str, Dataset]]:
-    """The plays that a row learns from, and by column those of other scenes that it does not.
+def learned_plays(sets: PlaySets, data: DataName, folder: Path, console: Console) -> Dataset:
+    """The plays that a row learns from.
 
     Args:
         sets: `play_sets`.
-        data: "official"; "large" has variations, "generated" also generated scenes. Official data have no other scenes.
+        data: "official"; "large" has variations, "generated" also generated scenes.
         folder: that keeps data sets.
         console: for progress.
     """
     if data == "official":
-        return compact(of_games(sets.official, SPLITS["basic"])), {}
+        return compact(of_games(sets.official, SPLITS["basic"]))
     held_out = (of_games(sets.later, SPLITS["basic"]), sets.choose)
-    plain = without(_large(folder, console), *held_out)
-    others = {VARIED: joined(augmented(folder, console)), GENERATED: generated(folder, console)}
-    held = {name: plays.game % HELD_SCENES == 0 for name, plays in others.items()}  # all plans of a scene stay together
-    learned = [plain, others[VARIED].select(~held[VARIED])]
+    learned = [without(_large(folder, console), *held_out), joined(augmented(folder, console))]
     if data == "generated":
-        learned.append(others[GENERATED].select(~held[GENERATED]))
-    return joined(learned), {name: plays.select(held[name]) for name, plays in others.items()}
+        learned.append(generated(folder, console))
+    return joined([learned[0], *(plays.select(~_held(plays)) for plays in learned[1:])])
+
+
+def held_out_plays(data: DataName, folder: Path, console: Console) -> dict[str, Dataset]:
+    """By column, plays of other scenes that no row learns from; none for official data, which have no other scenes."""
+    if data == "official":
+        return {}
+    others = {VARIED: joined(augmented(folder, console)), GENERATED: generated(folder, console)}
+    return {name: plays.select(_held(plays)) for name, plays in others.items()}
+
+
+def _held(plays: Dataset) -> npt.NDArray[np.bool_]:
+    """Which plays are held out: all plans of a scene stay together."""
+    return np.asarray(plays.game % HELD_SCENES == 0)
 
 
 def judged_plays(sets: PlaySets, learned: Dataset, others: Mapping[str, Dataset]) -> dict[str, Dataset]:

@@ -101,10 +101,11 @@ def test_scenes_that_are_held_out_are_not_learned_from(data: DataName, monkeypat
     monkeypatch.setattr(sets, "augmented", lambda *_: [made_up(20, 2)])
     monkeypatch.setattr(sets, "generated", lambda *_: made_up(30, 3))
     basic = sets.PlaySets(made_up(5, 4), made_up(5, 5), made_up(5, 6))
-    learned, others = sets.learned_plays(basic, data, Path(), Console(quiet=True))
+    learned = sets.learned_plays(basic, data, Path(), Console(quiet=True))
+    others = sets.held_out_plays(data, Path(), Console(quiet=True))
     assert {name: len(plays) for name, plays in others.items()} == {sets.VARIED: 20, sets.GENERATED: 30}
     plain = len(sets.without(made_up(5, 1), basic.later, basic.choose))
     assert len(learned) == plain + 2 * 20 + (2 * 30 if data == "generated" else 0)
     names = [learned.scenes[k].name for k in learned.game]
     assert names.count(GAMES[0]) <= 5  # the held-out scene's plays are the plain ones alone
-    assert sets.learned_plays(basic, "official", Path(), Console(quiet=True))[1] == {}
+    assert sets.held_out_plays("official", Path(), Console(quiet=True)) == {}
