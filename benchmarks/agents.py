@@ -59,6 +59,13 @@ PREDICTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         "motion": {"observation": "motion"},
     }
 )  # what an agent sees besides the official observation; run folders are those of `make results-world`
+TITLES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "results-controllers": "# Agents that see predictions\n\nTo the official observation comes the table 0.1 s "
+        "later if nothing is removed now: by a world model that learned from basic games (seed 0 of its row), by the "
+        "simulator (perfect), or zeros in its place. Perfect, and motion (the true velocities), bound what models give."
+    }
+)  # of documents that are not simply results
 PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points
 
 
@@ -240,7 +247,7 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
     commits = {str(read_json_object(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
     origin = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
     parts = [
-        "# Results",
+        TITLES.get(stem, "# Results"),
         f"Written by `make {stem}`. Trained on the basic split only, or, where the row says so, on its variations and "
         "on generated scenes that are near no test game; everything else is zero shot. Greedy: one episode a game; "
         "sampled: 20, as the agent plays to learn, which is the paper's protocol. Cells: mean over "
@@ -300,12 +307,15 @@ def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
     """Write the document of what is there."""
     evaluated, missing = [], []
     for name in table:
+        absent = []
         for seed in range(arguments.seeds):
             folder = arguments.published / name / f"seed-{seed}"
             if is_published(folder, replace(table[name], seed=seed)):
                 evaluated.append(compare.read(folder))
             else:
-                missing.append(f"{name} seed {seed}")
+                absent.append(str(seed))
+        if absent:
+            missing.append(f"{name} (seed {' '.join(absent)})")
     arguments.out.mkdir(parents=True, exist_ok=True)
     text = document(evaluated, missing, arguments.out, arguments.stem)
     replace_text(arguments.out / f"{arguments.stem}.md", text)
