@@ -23,7 +23,7 @@ from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.planning import PLANS, TRIES
 from iphyre_jax.models.world.reports.metrics import HORIZONS
 from iphyre_jax.models.world.reports.report import TITLES
-from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan, seconds_of
+from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan, frame_seconds
 from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.simulation import simulate
@@ -170,7 +170,7 @@ def _film(action: Film, console: Console) -> None:
     ends = ", ".join(f"{name} {'solved' if play.success else 'not solved'}" for name, play in plays.items())
     error = found.error["model"]
     at = min(11, len(error) - 1)
-    say(console, f"{action.out}: {ends}; error of balls {error[at]:.1f} px after {seconds_of(at):.1f} s")
+    say(console, f"{action.out}: {ends}; error of balls {error[at]:.1f} px after {frame_seconds(at):.1f} s")
 
 
 def _plan(action: PlanInModel, console: Console) -> None:

@@ -86,7 +86,7 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     return RollOut(shown, _recording(scene, imagined_last, dreams["model"][: end + 1], bool(low.any())), error)
 
 
-def seconds_of(frame: Any) -> Any:  # noqa: ANN401 - numbers, or one
+def frame_seconds(frame: Any) -> Any:  # noqa: ANN401 - numbers, or one
     """The time of a frame after the first, s."""
     return (FIRST + EVERY * (frame - 1)) / FPS
 
@@ -133,11 +133,11 @@ def draw_errors(path: Path, found: RollOut, title: str) -> None:
     figure = Figure(figsize=(6.4, 3.6), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for name, values in found.error.items():
-        seconds = np.maximum(seconds_of(np.arange(len(values))), 0)
+        seconds = np.maximum(frame_seconds(np.arange(len(values))), 0)
         axes.plot(seconds, np.maximum(values, 1e-2), label=name, linewidth=2 if name == "model" else 1)
     for step in found.real.plan:
         if 0 <= step < len(found.real.poses):
-            axes.axvline(seconds_of(step), color="grey", linewidth=0.8, linestyle=":")
+            axes.axvline(frame_seconds(step), color="grey", linewidth=0.8, linestyle=":")
     axes.set(title=title, xlabel="s", ylabel="error of balls, px", yscale="log", ylim=(1e-2, 1e3))
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
