@@ -23,7 +23,7 @@ from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.planning import PLANS, TRIES
 from iphyre_jax.models.world.reports.metrics import HORIZONS
 from iphyre_jax.models.world.reports.report import TITLES
-from iphyre_jax.models.world.roll_outs import draw_errors, roll_out_plan, frame_seconds
+from iphyre_jax.models.world.roll_outs import draw_errors, frame_seconds, roll_out_plan
 from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.simulation import simulate
