@@ -30,12 +30,12 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
-from iphyre_jax.train.predictions import PERFECT, ZEROS, open_prediction, with_prediction_sum
+from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 from iphyre_jax.train.settings.agents import PPO, AgentName
 from iphyre_jax.train.settings.presets import AGENTS
-from iphyre_jax.train.settings.run import TrainConfig, preset
+from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig, preset
 from iphyre_jax.train.storage import logs, runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState
@@ -51,11 +51,11 @@ MOVING: Final[tuple[StrategyName, ...]] = ("on-the-fly", "combined")  # see more
 PREDICTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
     {
         "none": {},
-        "zeros": {"prediction": "zeros"},
+        "zeros": {"prediction": ZEROS},
         "mdrnn-400": {"prediction": "build/world/mdrnn-400-0"},
         "mdrnn-5000": {"prediction": "build/world/mdrnn-5000-0"},
         "objects": {"prediction": "build/world/objects-unlimited-0"},
-        "perfect": {"prediction": "perfect"},
+        "perfect": {"prediction": PERFECT},
         "motion": {"observation": "motion"},
     }
 )  # what an agent sees besides the official observation; run folders are those of `make results-world`

@@ -64,50 +64,26 @@ def specifications(fps: int) -> dict[str, Specification]:
         **planners,
     }
     for name in world_models.names() if fps == IMAGINED else ():
-        tried = {
-            **plain,
-            "k": 5,
-            "runs": 2,
-            "world model": name,
-            **_sum(world_models.WEIGHTS, name),
-            "plans": PLANS,
-            "seed": 0,
-        }
+        tried = {**plain, **_shipped("world model", name, world_models.WEIGHTS), "k": 5, "runs": 2, "plans": PLANS}
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     for name in classifiers.names() if fps == CLASSIFIED else ():
-        tried = {
-            **plain,
-            "k": 10,
-            "runs": 5,
-            "classifier": name,
-            **_sum(classifiers.WEIGHTS, name),
-            "plans": CANDIDATES,
-            "seed": 0,
-        }
+        tried = {**plain, **_shipped("classifier", name, classifiers.WEIGHTS), "k": 10, "runs": 5, "plans": CANDIDATES}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
+    learning = {**common, **_shipped("policy", LEARNING), "k": MOST, "runs": 5, "batch": BATCH}
     for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
-        tried = {
-            **common,
-            "k": MOST,
-            "runs": 5,
-            "policy": LEARNING,
-            **_sum(WEIGHTS, LEARNING),
-            "pretrained": pretrained,
-            "batch": BATCH,
-        }
-        tried.update({"learning_rate": LEARNING_RATE, "seed": 0})
+        tried = {**learning, "learning_rate": LEARNING_RATE, "pretrained": pretrained}
         found[f"{LEARNING}, {name}"] = tried, partial(_learning, LEARNING, pretrained, MOST, 5, common)
     for name in names():
-        first = {**common, "k": 10, "runs": 5, "policy": name, **_sum(WEIGHTS, name), "seed": 0, "greedy_first": True}
+        first = {**common, **_shipped("policy", name), "k": 10, "runs": 5, "greedy_first": True}
         if name.endswith("-o"):
             first["greedy"] = "median"  # of the time until the next removal; rows by the mode have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
 
 
-def _sum(weights: Path, name: str) -> dict[str, str]:
-    """The sum of a shipped model: a row of an older one is out of date."""
-    return {"sha256": sum_of(weights / f"{name}.npz")}
+def _shipped(kind: str, name: str, weights: Path = WEIGHTS) -> dict[str, Any]:
+    """Settings of a row of a shipped model, with its sum: a row of an older one is out of date."""
+    return {kind: name, "sha256": sum_of(weights / f"{name}.npz"), "seed": 0}
 
 
 def _world_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:

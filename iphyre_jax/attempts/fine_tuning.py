@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.attempts.policies import attempts_of
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, show, whole_fps
 from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scene
@@ -79,15 +80,7 @@ class FineTuned:
                 key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), run), index)
                 parts.append(self._try(config, scene, k, key))
         stats = EpisodeStats(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-        shape = (len(scenes), runs, k)
-        return Attempts(
-            games=tuple(scene.name for scene in scenes),
-            success=stats.success.reshape(shape),
-            reward=stats.reward.reshape(shape),
-            eliminations=stats.eliminations.reshape(shape),
-            seconds=stats.seconds.reshape(shape),
-            faults=int((stats.fault != 0).sum()),
-        )
+        return attempts_of(stats, [scene.name for scene in scenes], runs, k)
 
     def _config(self, fps: int, resets: int) -> TrainConfig:
         """Settings of learning on one game: the same for all games, so that all share their programs."""

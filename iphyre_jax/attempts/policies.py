@@ -14,7 +14,7 @@ from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
 from iphyre_jax.train.settings.run import TrainConfig
 
 
@@ -62,6 +62,11 @@ def policy_attempts(
         return sampled._replace(action=jnp.where(chosen, best, sampled.action))
 
     stats = rollout_collector(played, games).collect(policy, jax.random.key(seed), tries)[1]
+    return attempts_of(stats, games, runs, k)
+
+
+def attempts_of(stats: EpisodeStats, games: Sequence[str], runs: int, k: int) -> Attempts:
+    """Episodes, game by game, run by run and in order, as attempts."""
     shape = (len(games), runs, k)
     return Attempts(
         games=tuple(games),

@@ -156,7 +156,7 @@ def _evaluate(action: Evaluate, console: Console) -> None:
 
 def _film(action: Film, console: Console) -> None:
     scene = load_scene(action.scene)
-    found = roll_out_plan(storage.named_model(action.model)[0], scene, parse_plan(action.plan, scene)[0])
+    found = roll_out_plan(storage.named_model(action.model), scene, parse_plan(action.plan, scene)[0])
     model = Path(action.model).name
     plays = {"simulator": found.real, model: found.imagined}
     if action.out.suffix.lower() == ".html":
@@ -177,7 +177,7 @@ def _plan(action: PlanInModel, console: Console) -> None:
     scene = load_scene(action.scene)
     check_whole("plans", action.plans)
     check_whole("best", action.best, 1, action.plans)
-    model = storage.named_model(action.model)[0]
+    model = storage.named_model(action.model)
     times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
     imagined = WorldImagination(model)(scene, times)
     best = preferred(imagined[None])[: action.best]

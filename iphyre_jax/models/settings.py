@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeVar, cast
 
 from iphyre_jax.checks import check_option, show
@@ -11,6 +11,10 @@ from iphyre_jax.checks import check_option, show
 
 class Settings(Protocol):
     """Settings of a model: a frozen dataclass."""
+
+    @property
+    def name(self) -> str:
+        """Of the run, and of its folder."""
 
     def check(self) -> None:
         """Raise ValueError, one line naming the setting and what was expected, if they cannot work."""
@@ -25,6 +29,11 @@ S = TypeVar("S", bound=Settings)
 def row_of(rows: Mapping[str, S], name: str) -> S:
     """The settings of a row of a report; ValueError, one line, if there is no such row."""
     return rows[check_option("row", name, tuple(rows))]
+
+
+def wanted_rows(rows: Mapping[str, S], only: Sequence[str]) -> list[str]:
+    """The names of the rows asked for, by default all; ValueError, one line, if there is no such row."""
+    return [check_option("only", name, tuple(rows)) for name in only] or list(rows)
 
 
 def settings_of(kind: type[S], content: object, source: str) -> S:

@@ -19,9 +19,11 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import show
 from iphyre_jax.files import pack_npz, read_json_object, read_npz, read_versioned, replace_bytes, replace_json
+from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.settings import S, settings_of
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.storage.checkpoint import named_arrays
+from iphyre_jax.train.storage.runs import publish
 from iphyre_jax.train.storage.weights import restored, verify_sum
 
 VERSION: Final = 1
@@ -29,6 +31,26 @@ CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", 
 BEST: Final = "best"  # folder of the best seed of a row, as it ships, in its run folder
 
 Params = Any  # a network's tree of arrays
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Where the rows of a document are trained, and what of them is kept.
+
+    Attributes:
+        root: folder of the run folders and of the data sets.
+        out: the document.
+        weights: folder for the best model of each row that ships; None to ship nothing.
+    """
+
+    root: Path
+    out: Path
+    weights: Path | None = None
+
+    @property
+    def published(self) -> Path:
+        """Folder of what is published of each run, beside the document; a run that is there is not trained again."""
+        return self.out.parent / "models" / self.out.stem
 
 
 @dataclass(frozen=True)
@@ -87,6 +109,25 @@ class RunFolders(Generic[S]):
         found = self.read_evaluation(folder)
         return found if found.get("settings") == config.to_json() else None
 
+    def published_row(self, where: Comparison, config: S, make: Callable[[], object]) -> dict[str, Any]:
+        """The evaluation of a run with these settings that is published; if there is none yet, make and publish it.
+
+        Args:
+            where: folders.
+            config: settings.
+            make: trains and evaluates the run in its folder, or what is left of that.
+
+        Raises:
+            ValueError, OSError: one line naming the file and what is wrong with it, or what `make` raises.
+        """
+        published = where.published / config.name
+        if (known := self.read_published(published, config)) is not None:
+            return known
+        make()
+        publish(where.root / config.name, published)
+        forget_programs()
+        return self.read_evaluation(published)
+
     def read_evaluation(self, folder: Path) -> dict[str, Any]:
         """The evaluation of a run.
 
@@ -97,26 +138,6 @@ class RunFolders(Generic[S]):
         if not file.is_file():
             raise FileNotFoundError(f"{folder}: not evaluated yet, there is no {EVALUATION}")
         return read_versioned(file, self.schema, (VERSION,))
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Where the rows of a document are trained, and what of them is kept.
-
-    Attributes:
-        root: folder of the run folders and of the data sets.
-        out: the document.
-        weights: folder for the best model of each row that ships; None to ship nothing.
-    """
-
-    root: Path
-    out: Path
-    weights: Path | None = None
-
-    @property
-    def published(self) -> Path:
-        """Folder of what is published of each run, beside the document; a run that is there is not trained again."""
-        return self.out.parent / "models" / self.out.stem
 
 
 @dataclass(frozen=True)

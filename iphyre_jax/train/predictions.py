@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -22,10 +22,7 @@ from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.strategies import OnTheFly
 from iphyre_jax.observations.features import ROWS_SIZE
 from iphyre_jax.scenes import Scene
-from iphyre_jax.train.settings.run import TrainConfig
-
-ZEROS: Final = "zeros"
-PERFECT: Final = "perfect"
+from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig
 
 
 class Prediction(Protocol):
@@ -93,9 +90,9 @@ def _rows_later(environment: Environment, state: EnvState, params: EnvParams) ->
 
 @dataclass(frozen=True)
 class NamedPrediction:
-    """A prediction, and the SHA-256 sum of its parameters."""
+    """How a prediction is made, and the SHA-256 sum of its parameters, which costs less."""
 
-    prediction: Prediction
+    open: Callable[[], Prediction]
     sha256: str = ""
 
 
@@ -127,13 +124,13 @@ def open_prediction(config: TrainConfig) -> Prediction | None:
     Raises:
         OSError, ValueError: one line; there is no such world model, or it is not the one that the settings name.
     """
-    return _named(config).prediction if config.prediction else None
+    return _named(config).open() if config.prediction else None
 
 
 def _named(config: TrainConfig) -> NamedPrediction:
     name = config.prediction
     if name in (ZEROS, PERFECT):
-        return NamedPrediction(Zeros() if name == ZEROS else Perfect())
+        return NamedPrediction(Zeros if name == ZEROS else Perfect)
     if not _readers:
         raise ValueError(f"prediction: {show(name)} needs `import iphyre_jax.models.world.prediction` first")
     found = _readers[0](name)

@@ -11,10 +11,8 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.checks import check_option
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.kept_rows import Row, kept_row
-from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.outcome import baselines, report, runs, storage
 from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
@@ -27,10 +25,10 @@ from iphyre_jax.models.outcome.plays.sets import (
     play_sets,
 )
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
+from iphyre_jax.models.settings import wanted_rows
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.storage.runs import publish
 
 ROWS: Final = {
     config.name: config
@@ -63,13 +61,7 @@ def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console
 
 def published_row(where: Comparison, config: OutcomeConfig, sets: PlaySets, console: Console) -> dict[str, Any]:
     """The evaluation of a row that is published; if there is none yet, `make_row` and publish it."""
-    published = where.published / config.name
-    if (known := storage.RUNS.read_published(published, config)) is not None:
-        return known
-    evaluation = make_row(where.root, config, sets, console)
-    publish(where.root / config.name, published)
-    forget_programs()
-    return evaluation
+    return storage.RUNS.published_row(where, config, lambda: make_row(where.root, config, sets, console))
 
 
 def baseline_rows(sets: PlaySets) -> dict[str, dict[str, Any]]:
@@ -125,7 +117,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     Raises:
         ValueError: one line; there is no such row, or a folder holds another run.
     """
-    wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
+    wanted = wanted_rows(ROWS, only)
     sets = play_sets(where.root / "data", console)
     found: dict[str, dict[str, Any]] = baseline_rows(sets)
     facts = {"dependence of the inputs on the outcome": _dependence(sets.official), **provenance_facts()}

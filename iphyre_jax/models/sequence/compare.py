@@ -9,15 +9,13 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from iphyre_jax.checks import check_option
 from iphyre_jax.kept_rows import Row, kept_row
-from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.sequence import evaluation, report, runs, sets, storage
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
+from iphyre_jax.models.settings import wanted_rows
 from iphyre_jax.models.storage import BEST, Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
-from iphyre_jax.train.storage.runs import publish
 
 _OURS: Final = settings("ours")
 _LARGE: Final = dataclasses.replace(_OURS, data="large", updates=1000)
@@ -49,13 +47,7 @@ def make_row(root: Path, config: SequenceConfig, console: Console) -> dict[str, 
 
 def published_row(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Any]:
     """The evaluation of a row that is published; if there is none yet, `make_row` and publish it."""
-    published = where.published / config.name
-    if (known := storage.RUNS.read_published(published, config)) is not None:
-        return known
-    found = make_row(where.root, config, console)
-    publish(where.root / config.name, published)
-    forget_programs()
-    return found
+    return storage.RUNS.published_row(where, config, lambda: make_row(where.root, config, console))
 
 
 def bounds(where: Comparison, config: SequenceConfig, console: Console) -> dict[str, Row]:
@@ -92,7 +84,7 @@ def compare(
     Raises:
         ValueError: one line; there is no such row, or a folder holds another run.
     """
-    wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
+    wanted = wanted_rows(ROWS, only)
     found: dict[str, dict[str, Any]] = {}
     facts = provenance_facts()
     below: dict[int, dict[str, Row]] = {}

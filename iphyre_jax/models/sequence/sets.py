@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +13,10 @@ import numpy as np
 from rich.console import Console
 
 from iphyre_jax.data import collect
-from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset
+from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.data.labels import label_plans
 from iphyre_jax.files import pack_npz, read_npz, replace_bytes, replace_json
+from iphyre_jax.models.outcome.plays.augmented import kept_plays
 from iphyre_jax.models.outcome.plays.sets import OF_A_KIND, compact, learned_plays, play_sets
 from iphyre_jax.models.outcome.storage import plays_sum
 from iphyre_jax.models.sequence.decisions import with_poses
@@ -32,13 +34,18 @@ def official_plays(config: SequenceConfig, folder: Path, console: Console) -> Da
     """50 solving and 50 failing plays of each basic game at the rate of a row: the paper's data."""
     if config.fps != OFFICIAL_FPS:
         return learned_plays(play_sets(folder, console), "official", folder, console)
-    file, protocol = folder / f"basic-{OFFICIAL_FPS}fps.npz", config.protocol
-    if not (file.is_file() and file.with_suffix(".json").is_file()):
-        console.print(f"collecting {OF_A_KIND} + {OF_A_KIND} plans of each basic game at {OFFICIAL_FPS} steps a second")
-        folder.mkdir(parents=True, exist_ok=True)
-        played = {"fps": protocol.fps, "rule": protocol.rule, "resets": protocol.resets}
-        save_dataset(collect(SPLITS["basic"], successes=OF_A_KIND, failures=OF_A_KIND, **played), file)  # type: ignore[arg-type]
-    return load_dataset(file)
+    protocol = config.protocol
+    title = f"collecting {OF_A_KIND} + {OF_A_KIND} plans of each basic game at {OFFICIAL_FPS} steps a second"
+    draw = partial(
+        collect,
+        SPLITS["basic"],
+        successes=OF_A_KIND,
+        failures=OF_A_KIND,
+        fps=protocol.fps,
+        rule=protocol.rule,
+        resets=protocol.resets,
+    )
+    return kept_plays(folder, f"basic-{OFFICIAL_FPS}fps", title, draw, console)
 
 
 def large_plays(config: SequenceConfig, folder: Path, console: Console) -> Dataset:

@@ -10,10 +10,8 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from iphyre_jax.checks import check_option
 from iphyre_jax.files import replace_json
-from iphyre_jax.memory import forget_programs
-from iphyre_jax.models.settings import row_of
+from iphyre_jax.models.settings import row_of, wanted_rows
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
@@ -24,7 +22,6 @@ from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.scenes import SPLITS
-from iphyre_jax.train.storage.runs import publish
 
 SEEDS: Final = (0, 1, 2)
 SHIPPED: Final = "objects-unlimited"
@@ -123,11 +120,13 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
 
 def publish_run(where: Comparison, config: WorldConfig, console: Console) -> None:
     """Train, measure and publish a run, or what is left of that."""
-    folder, published = where.root / config.name, where.published / config.name
-    if storage.RUNS.read_published(published, config) is None:
+    folder = where.root / config.name
+
+    def make() -> None:
         train(folder, config, console)
         evaluate(folder, PLANS, console)
-        publish(folder, published)
+
+    storage.RUNS.published_row(where, config, make)
 
 
 def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> None:
@@ -141,11 +140,10 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
     Raises:
         ValueError: one line; there is no such row, or a folder holds another run.
     """
-    wanted = [check_option("only", name, tuple(ROWS)) for name in only] or list(ROWS)
+    wanted = wanted_rows(ROWS, only)
     for seed, name in product(SEEDS, wanted):
         publish_run(where, row_settings(name, seed), console)
         write_report(where)
-        forget_programs()
     if where.weights is not None:
         folders = [where.root / row_settings(SHIPPED, seed).name for seed in SEEDS]
         if all((folder / EVALUATION).is_file() for folder in folders):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.networks.geometry import contact
-from iphyre_jax.models.world.rows import rows_of, state_in
+from iphyre_jax.models.world.rows import centres, rows_of, state_in
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import SceneTables, State
 from iphyre_jax.observations.official import LENGTH_COLUMNS
@@ -103,11 +103,6 @@ def falls_until_contact(
     meets = ((touch.gap < 0) & other).any(axis=-1)[..., None]
     speed = jnp.where(meets, 0.0, state.velocity + GRAVITY * SECONDS * down)
     return rows_of(scene, State(jnp.where(meets, state.centre, fallen), state.angle, speed, state.spin), alive), memory
-
-
-def centres(rows: jax.Array) -> jax.Array:
-    """Centres (..., 12, 2), px, in tables (..., 12, 12)."""
-    return (rows[..., 0:2] + rows[..., 2:4]) / 2
 
 
 @partial(jax.jit, static_argnums=(0, 5, 6))

@@ -24,7 +24,8 @@ from iphyre_jax.observations.official import LENGTH_COLUMNS
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
 from iphyre_jax.train.observations import parts
-from iphyre_jax.train.predictions import PERFECT, ZEROS, NamedPrediction, offer_world_models
+from iphyre_jax.train.predictions import NamedPrediction, offer_world_models
+from iphyre_jax.train.settings.run import PERFECT, ZEROS
 from iphyre_jax.train.storage.manifest import sum_of
 
 MOST_WORLDS = 2048  # predicted at once: the pairs of so many take some 100 MB
@@ -107,13 +108,13 @@ def read_prediction(name: str) -> NamedPrediction:
     """The prediction of a world model of the package, or of a run folder.
 
     Raises:
-        OSError, ValueError: one line; there is no such model, or its files are damaged.
+        OSError, ValueError: one line; there is no such model, or its file cannot be read.
     """
     try:
-        model, file = storage.named_model(name)
+        file = storage.named_file(name)
     except ValueError as error:
         raise ValueError(f"prediction: {ZEROS}, {PERFECT}, or {error}") from None
-    return NamedPrediction(WorldPrediction(model), sum_of(file))
+    return NamedPrediction(lambda: WorldPrediction(storage.named_model(name)), sum_of(file))
 
 
 offer_world_models(read_prediction)

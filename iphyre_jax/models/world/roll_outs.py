@@ -14,17 +14,13 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from iphyre_jax.models.world.interface import (
-    Predict,
-    predictor,
-    roll,
-    start_memory,
-    start_rows,
-)
+from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, STAYS, instants, removal_instants
 from iphyre_jax.models.world.reports.metrics import BOUNDS
+from iphyre_jax.models.world.rows import centres
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.models.world.tables import SceneTables, scene_tables
+from iphyre_jax.observations.official import LENGTH_COLUMNS
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, GOAL_Y, NEVER
 from iphyre_jax.scenes import Scene
@@ -103,23 +99,18 @@ def _poses(
     memory, rows = start_memory(model.config, first), start_rows(first)
     later = roll(predict, model.params, memory, rows, jnp.asarray(gone), INSTANTS - 1, jnp.asarray)
     table = np.concatenate([np.asarray(rows)[None], np.asarray(later)])[:, 0, : scene.n_objects].astype(np.float64)
-    start = _start(tables, scene.n_objects)
-    there = (table[..., 4] > 0)[..., None]
-    centre = np.where(there, (table[..., 0:2] + table[..., 2:4]) / 2, start[:, :2])
+    start = np.asarray(tables.centre)[0, : scene.n_objects].astype(np.float64)
+    there = table[..., LENGTH_COLUMNS - 1] > 0
+    centre = np.where(there[..., None], centres(table), start)
     axis = (table[..., 2:4] - table[..., 0:2]) / 2
     half = np.asarray(tables.half)[0, : scene.n_objects].astype(np.float64)
     # Angle from the axis at the start to the axis now.
     cross = half[:, 0] * axis[..., 1] - half[:, 1] * axis[..., 0]
-    turned = np.where(there[..., 0], np.arctan2(cross, (half * axis).sum(axis=-1)), 0.0)
+    turned = np.where(there, np.arctan2(cross, (half * axis).sum(axis=-1)), 0.0)
     spun = np.cumsum(table[..., -1], axis=0) / DECISIONS_PER_SECOND  # balls have no axis, but a spin, rad/s
     turned = np.where((half == 0).all(axis=-1), spun, turned)
-    poses = np.concatenate([centre, (start[:, 2] + turned)[..., None]], axis=-1)
-    return np.concatenate([start[None], poses])
-
-
-def _start(tables: SceneTables, objects: int) -> Floats:
-    centre = np.asarray(tables.centre)[0, :objects].astype(np.float64)
-    return np.concatenate([centre, np.zeros((objects, 1))], axis=-1)
+    first_frame = np.concatenate([start, np.zeros((len(start), 1))], axis=-1)
+    return np.concatenate([first_frame[None], np.concatenate([centre, turned[..., None]], axis=-1)])
 
 
 def draw_errors(path: Path, found: RollOut, title: str) -> None:

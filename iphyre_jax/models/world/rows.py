@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.models.world.networks.geometry import rotated
-from iphyre_jax.models.world.tables import SceneTables, State
+from iphyre_jax.models.world.tables import Array, SceneTables, State
 from iphyre_jax.observations.official import COLUMNS
 
 ROW: Final = COLUMNS + 3  # the official columns, vx, vy (px/s) and spin (rad/s)
@@ -30,6 +30,11 @@ def all_objects(scene: SceneTables, state: State) -> tuple[jax.Array, jax.Array,
         spread(state.velocity, none),
         jnp.einsum("bmo,bm->bo", owner, state.spin),
     )
+
+
+def centres(rows: Array) -> Array:
+    """Centres (..., 2), px, of the objects in tables (..., 12) or more columns, of JAX or NumPy."""
+    return (rows[..., 0:2] + rows[..., 2:4]) / 2
 
 
 def rows_of(scene: SceneTables, state: State, alive: jax.Array) -> jax.Array:
@@ -65,6 +70,6 @@ def state_in(scene: SceneTables, rows: jax.Array) -> tuple[SceneTables, State]:
     """The scene with the half axes that the rows show, and the state, whose angles count from there."""
     half = (rows[..., 2:4] - rows[..., 0:2]) / 2
     own = jnp.take_along_axis(rows, scene.mover[..., None], axis=1)
-    centre = (own[..., 0:2] + own[..., 2:4]) / 2
+    centre = centres(own)
     state = State(centre, jnp.zeros(centre.shape[:2]), own[..., COLUMNS : COLUMNS + 2], own[..., COLUMNS + 2])
     return scene._replace(half=half), state

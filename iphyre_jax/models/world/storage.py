@@ -85,18 +85,26 @@ def trained_model(folder: Path) -> WorldModel:
     return WorldModel(config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": trained})
 
 
-def named_model(name: str) -> tuple[WorldModel, Path]:
-    """A model of the package by its name, or of a run by its folder; and the file of its parameters.
+def named_file(name: str) -> Path:
+    """The file of the parameters of a model of the package by its name, or of a run by its folder.
 
     Raises:
-        FileNotFoundError, ValueError: one line; there is no such model, or its files are damaged.
+        ValueError: one line; there is no such model.
     """
-    if name in names():
-        return load_model(name), WEIGHTS / f"{name}.npz"
-    folder = Path(name)
-    if not (folder / STATE).is_file():
+    file = WEIGHTS / f"{name}.npz" if name in names() else Path(name) / STATE
+    if not file.is_file():
         raise ValueError(f"model: expected one of {', '.join(names())}, or the run folder of one; got {show(name)}")
-    return trained_model(folder), folder / STATE
+    return file
+
+
+def named_model(name: str) -> WorldModel:
+    """A model by its name or its run folder, as `named_file`.
+
+    Raises:
+        ValueError: one line; there is no such model, or its files are damaged.
+    """
+    file = named_file(name)
+    return load_model(name) if file.parent == WEIGHTS else trained_model(file.parent)
 
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:

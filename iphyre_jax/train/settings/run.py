@@ -17,6 +17,7 @@ from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.settings.agents import PPO, AdvantageScope, AgentName, HeadName, PolicyGradient, Settings
 from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
+ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
 Dtype = Literal["float32", "float64"]
 
 MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
@@ -257,7 +258,7 @@ def _check_prediction(config: TrainConfig) -> None:
         return
     _require(config, "prediction", config.strategy != "in-advance", "none in advance: nothing moves yet")
     _require(config, "network", config.network == "mlp", "mlp with a prediction")
-    by_model = config.prediction not in ("zeros", "perfect")
+    by_model = config.prediction not in (ZEROS, PERFECT)
     _require(config, "fps", not by_model or config.fps == 60, "60 with a world model, which learned at that rate")
 
 
