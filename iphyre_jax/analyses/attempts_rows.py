@@ -23,6 +23,8 @@ from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.outcome import storage as classifiers
 from iphyre_jax.models.outcome.agent import CANDIDATES, ranking_agent
 from iphyre_jax.models.outcome.agent import FPS as CLASSIFIED
+from iphyre_jax.models.sequence import storage as sequence_models
+from iphyre_jax.models.sequence.agent import SequenceTries
 from iphyre_jax.models.world import storage as world_models
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.planning import PLANS
@@ -36,6 +38,7 @@ MOST: Final = 100  # attempts of random plans and sampled policies
 SHOWN: Final = (1, 2, 5, 10, 100)  # attempts of the columns "solved@"
 PEOPLE: Final = 5  # attempts that people had
 DTYPE: Final = "float64"
+SEQUENCED: Final = 60  # steps a second of the plays that the shipped sequence model learned
 LEARNING: Final = "ppo-i-objects"  # that learns on the game that it tries
 
 Compute = Callable[[], Attempts]
@@ -69,6 +72,9 @@ def specifications(fps: int) -> dict[str, Specification]:
     for name in classifiers.names() if fps == CLASSIFIED else ():
         tried = {**plain, **_shipped("classifier", name, classifiers.WEIGHTS), "k": 10, "runs": 5, "plans": CANDIDATES}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
+    for name in sequence_models.names() if fps == SEQUENCED else ():
+        tried = {**plain, **_shipped("sequence model", name, sequence_models.WEIGHTS), "k": 10, "runs": 5}
+        found[f"{name}, greedy first"] = tried, partial(_sequence_model, name, 10, 5, plain)
     learning = {**common, **_shipped("policy", LEARNING), "k": MOST, "runs": 5, "batch": BATCH}
     for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
         tried = {**learning, "learning_rate": LEARNING_RATE, "pretrained": pretrained}
@@ -95,6 +101,12 @@ def _world_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Atte
 def _classifier(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
     """Attempts of a shipped classifier that judges random plans."""
     return attempts(ranking_agent(classifiers.load_classifier(name)), k, runs=runs, **plain)
+
+
+def _sequence_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:
+    """Attempts of a shipped sequence model: its greedy plan, then drawn ones."""
+    model = sequence_models.load_model(name)
+    return attempts(SequenceTries(model.config, model.params), k, runs=runs, **plain)
 
 
 def _learning(name: str, pretrained: bool, k: int, runs: int, common: Mapping[str, Any]) -> Attempts:
@@ -144,8 +156,9 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
         "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
-        "Shipped policies (one seed each) try their greedy plan first, then sample. The one that is fine-tuned learns "
-        f"on the game after each {BATCH} attempts, beside one like it that begins from scratch. The hand-written "
+        "Shipped policies and the sequence model (one seed each) try their greedy plan first, then sample. The policy "
+        f"that is fine-tuned learns on the game after each {BATCH} attempts, beside one like it that begins from "
+        "scratch. The hand-written "
         f"replies are no model's: they show that the language-model agent works. Physics: {DTYPE}; policies: as "
         "trained. A row of k attempts has no figure beyond k; one that always repeats itself keeps its first.",
     ]

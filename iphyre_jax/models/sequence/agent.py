@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import MAX_SEED
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
 from iphyre_jax.models.sequence.decisions import centres, scaled, slot_objects
 from iphyre_jax.models.sequence.networks import END, NEVER_BIN, NOWHERE, Logits, SequenceModel, Sequences
@@ -234,6 +235,30 @@ class Player:
                 self.bins[removed, slot[removed]] = frame
                 own = self.steps()[removed]
                 table[removed] = play_tables(self.scenes, self.game[removed], own, self.config.protocol)
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceTries:
+    """An agent for `attempts`: a model's greedy plan comes first, then drawn ones.
+
+    Attributes:
+        config: settings; the attempts are made at their rate.
+        params: of one model.
+    """
+
+    config: SequenceConfig
+    params: Params
+
+    def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Any]) -> Floats:
+        """Propose k plans, (k, S) s, NaN for a block that stays; of the past only its length counts."""
+        greedy = 0 if past else 1
+        key = jax.random.key(int(rng.integers(MAX_SEED)))
+        plans = [
+            Player(self.config, self.params, [scene], np.zeros(count, np.int32), key=own).plans()
+            for count, own in ((greedy, None), (k - greedy, key))
+            if count
+        ]
+        return np.concatenate(plans)[:, : len(scene.eliminable_blocks)]
 
 
 def contrast(player: Player) -> Floats:

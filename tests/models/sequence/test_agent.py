@@ -112,3 +112,28 @@ def test_a_block_goes_if_that_is_likelier_than_not() -> None:
     chance[0, 0, NEVER_BIN], chance[0, 0, 42] = 0.39, 0.02  # never is the likeliest number, and less likely than to go
     chance[0, 1, NEVER_BIN] = 2.0
     assert agent.likeliest_times(jnp.log(jnp.asarray(chance, jnp.float32))).tolist() == [[42, NEVER_BIN]]
+
+
+def test_tries_begin_with_the_greedy_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second, _ = HINDER.eliminable_blocks
+    asked: list[tuple[int, bool]] = []
+
+    def decide(
+        config: object, params: object, inputs: Sequences, k: object, sampled: object, key: object
+    ) -> np.ndarray:
+        action = np.full((len(inputs.time), 2), END, np.int32)
+        if int(np.asarray(k)) == 0:
+            asked.append((len(inputs.time), bool(sampled)))
+            action[:] = (second, 12) if sampled else (first, 5)
+        return action
+
+    monkeypatch.setattr(agent, "decide", decide)
+    monkeypatch.setattr(agent, "play_tables", lambda scenes, game, *_: np.zeros((len(game), 150, 12, 9)))
+    config = dataclasses.replace(settings("ours"), data="large")
+    propose = agent.SequenceTries(config, None)
+    rng = np.random.default_rng(0)
+    greedy, drawn = [0.5, NAN, NAN], [NAN, 1.2, NAN]
+    np.testing.assert_array_equal(propose(HINDER, 3, rng, ()), [greedy, drawn, drawn])
+    assert [sampled for _, sampled in asked] == [False, True]
+    np.testing.assert_array_equal(propose(HINDER, 1, rng, ()), [greedy])
+    np.testing.assert_array_equal(propose(HINDER, 2, rng, ("earlier",)), [drawn, drawn])  # not the greedy one again
