@@ -2,8 +2,11 @@
 
 A policy that acts with a small chance at every decision holds doing nothing for the best action each time: its mode
 never acts. What it prefers is a time. The chance that it has not acted since its last removal falls from decision to
-decision; once at most half of it is left, the block that it has most often chosen by then goes, and the count begins
-anew. A policy that is sure of its action acts at once, as its mode does.
+decision; once at most half of it is left, the likeliest block goes, and the count begins anew. A policy that is sure of
+its action acts at once, as its mode does.
+
+To choose a block that has gone does nothing, and policies are free to: it counts as doing nothing. Else a policy that
+still prefers the block it has just removed would choose it to the end, where its samples go on to the next one.
 
 Shapes: B observations.
 """
@@ -21,15 +24,15 @@ MEDIAN: Final = 0.5  # of the time until the next removal
 
 
 class Hazard(NamedTuple):
-    """What the policy would have done since each episode's last removal."""
+    """What has gone, and what the policy would have done since each episode's last removal."""
 
     survival: jax.Array  # (B,) float32 chance that it has removed nothing
-    removed: jax.Array  # (B, 6) float32 chance that it has removed the block of each slot first
+    gone: jax.Array  # (B, 6) bool, blocks that it has removed, by slot
 
 
 def no_hazard(count: int) -> Hazard:
     """The state of B episodes before their first decision."""
-    return Hazard(jnp.ones(count, jnp.float32), jnp.zeros((count, MAX_ELIMINABLE), jnp.float32))
+    return Hazard(jnp.ones(count, jnp.float32), jnp.zeros((count, MAX_ELIMINABLE), bool))
 
 
 def median_action(hazard: Hazard, log_probabilities: jax.Array) -> tuple[jax.Array, Hazard]:
@@ -42,12 +45,10 @@ def median_action(hazard: Hazard, log_probabilities: jax.Array) -> tuple[jax.Arr
     Returns:
         (B,) int32 actions, 0 for no-op, and the hazard after them.
     """
-    probabilities = jnp.exp(log_probabilities)
-    removed = hazard.removed + hazard.survival[:, None] * probabilities[:, 1:]
-    survival = hazard.survival * probabilities[:, 0]
+    blocks = jnp.where(hazard.gone, 0.0, jnp.exp(log_probabilities[:, 1:]))
+    survival = hazard.survival * (1.0 - blocks.sum(axis=-1))
     acts = survival <= MEDIAN
-    # A block with no chance now has gone: a policy may still have preferred it earlier.
-    choice = jnp.where(probabilities[:, 1:] > 0, removed, -1.0).argmax(axis=-1)
+    choice = blocks.argmax(axis=-1)
     action = jnp.where(acts, choice + 1, 0).astype(jnp.int32)
-    begun = no_hazard(len(action))
-    return action, Hazard(jnp.where(acts, begun.survival, survival), jnp.where(acts[:, None], begun.removed, removed))
+    goes = acts[:, None] & jax.nn.one_hot(choice, MAX_ELIMINABLE, dtype=bool)
+    return action, Hazard(jnp.where(acts, 1.0, survival), hazard.gone | goes)
