@@ -13,6 +13,7 @@ from rich.console import Console
 
 from iphyre_jax.models.sequence import agent, runs, storage, training
 from iphyre_jax.models.sequence.episodes import SequenceData, episodes
+from iphyre_jax.models.sequence.networks import SequenceModel
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
 from iphyre_jax.models.settings import settings_of
 from iphyre_jax.models.storage import METRICS
@@ -97,6 +98,21 @@ def test_long_sequences_are_cut() -> None:
     np.testing.assert_array_equal(np.diff(time, axis=1), 1)
     assert (np.asarray(batch.weight) > 0).all()  # parts lie before the end of a play
     assert len(set(time[:, 0].tolist())) > 20
+
+
+def test_what_cannot_be_chosen_is_not_learned() -> None:
+    config = dataclasses.replace(settings("ours"), **TINY)
+    data = jax.tree.map(jnp.asarray, episodes(PLAYS, config))
+    index = jnp.arange(2)
+    batch = training.take(config, data, index, jnp.zeros(2, jnp.int32))
+    params = SequenceModel(config).init(jax.random.key(0), batch.inputs)
+    assert float(batch.weight[0].sum()) > 0
+    alone = jax.tree.map(lambda leaf: leaf[1:], batch)
+    nothing_left = batch.inputs.rows.at[0, :, :, 5].set(0)  # of the first play: no block is there to be removed
+    blind = batch._replace(
+        inputs=batch.inputs._replace(rows=nothing_left), weight=batch.weight.at[0, :, 1:].set(0).at[0, 1:].set(0)
+    )
+    np.testing.assert_allclose(training.loss(config, params, blind), training.loss(config, params, alone), rtol=1e-5)
 
 
 def test_settings_are_checked() -> None:
