@@ -32,7 +32,9 @@ from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
+from iphyre_jax.train.reports.report import TITLES as SPLIT_TITLES
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.statistics import Summary
 from iphyre_jax.train.settings.agents import PPO, AgentName
 from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig, preset
@@ -260,7 +262,7 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         if not of_rate:
             continue
         table = compare.rows(of_rate)
-        parts += [f"## {fps} fps", compare.markdown(table), _unseen(table), "### Time"]
+        parts += [f"## {fps} fps", *_added(table), compare.markdown(table), _unseen(table), "### Time"]
         parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
         parts.append(_times(table))
         for name, draw in (("curves", compare.draw_curves), ("bars", compare.draw_bars)):
@@ -269,6 +271,37 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
             parts.append(f"![{name} at {fps} fps]({picture.name})")
     parts += ["## Origin", f"```json\n{origin}\n```"]
     return "\n\n".join(parts) + "\n"
+
+
+def _added(rows: Sequence[compare.Row]) -> list[str]:
+    """What each prediction adds to the same agent's reward without one, by split; nothing if no row has one."""
+    found = {replace(_without_sums(row.config), seed=0): row for row in rows}
+    named = {name: found[config] for name, config in controllers().items() if config in found}
+    if not named:
+        return []
+    parts = [
+        "### What a prediction adds\n\nReward of sampled actions, less that of the same agent and seeds without a "
+        "prediction, whose own reward is in the first column; [95 % bootstrap interval over seeds]. An interval around "
+        "0: it does not help. If `perfect` does not help either, no world model can."
+    ]
+    for split in ("basic", "all"):
+        cells = []
+        for agent, strategy in product(CONTROLLERS, MOVING):
+            stem = preset(agent, strategy).paper_name.lower()
+            plain = named.get(f"{stem}-none")
+            own = plain.summary("sampled", split) if plain else None
+            others = [named.get(f"{stem}-{name}") for name in PREDICTIONS if name != "none"]
+            added = [compare.difference(row, plain, "sampled", split) if row and plain else None for row in others]
+            cells.append([stem.upper(), f"{own.mean:.1f}" if own else "-", *map(_signed, added)])
+        header = [SPLIT_TITLES[split], *PREDICTIONS]
+        parts.append(markdown_table(header, cells))
+    return parts
+
+
+def _signed(value: Summary | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value.mean:+.1f}" + ("" if np.isnan(value.low) else f" [{value.low:+.0f}, {value.high:+.0f}]")
 
 
 def _unseen(rows: Sequence[compare.Row]) -> str:

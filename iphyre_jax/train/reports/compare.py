@@ -121,6 +121,21 @@ def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
     return [Row(members[0].config, tuple(members)) for members in groups.values()]
 
 
+def difference(row: Row, reference: Row, kind: str, split: str) -> Summary | None:
+    """The reward of a row less that of another, over the seeds that both have; None if they share none.
+
+    Args:
+        row: of an agent.
+        reference: of another.
+        kind: "greedy" or "sampled".
+        split: a split, or "all" forty games.
+    """
+    others = {seed.config.seed: seed.scores(kind, split) for seed in reference.seeds}
+    pairs = [(seed.scores(kind, split), others.get(seed.config.seed, [])) for seed in row.seeds]
+    differences = [np.subtract(one, other).tolist() for one, other in pairs if one and other]
+    return summary(differences) if differences else None
+
+
 def _cell(reward: Summary | None, success: Summary | None) -> str:
     """Mean reward, success, interval and interquartile mean in one cell."""
     if reward is None or success is None:

@@ -1,0 +1,46 @@
+"""Rows side by side, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.reports import compare
+from iphyre_jax.train.settings.run import TrainConfig, preset
+
+
+def run(config: TrainConfig, seed: int, reward: float, games: tuple[str, ...] = GAMES) -> compare.Evaluated:
+    """A run with the same score at each game."""
+    score = {"reward": reward, "success": 1.0}
+    played = {name: {"greedy": score, "sampled": score} for name in games}
+    return compare.Evaluated(Path(f"seed-{seed}"), dataclasses.replace(config, seed=seed), played)
+
+
+def test_a_difference_is_paired_by_seed() -> None:
+    config = preset("ppo", "combined")
+    one = compare.rows([run(config, 0, 10.0), run(config, 1, 20.0), run(config, 2, 1000.0)])[0]
+    other = compare.rows([run(config, 1, 5.0), run(config, 0, 3.0)])[0]
+    found = compare.difference(one, other, "sampled", "all")
+    assert found is not None
+    assert (found.mean, found.low, found.high, found.seeds) == (11.0, 7.0, 15.0, 2)
+
+
+def test_nothing_in_common_is_no_difference() -> None:
+    config = preset("ppo", "combined")
+    one, other = (compare.rows([run(config, seed, 1.0, SPLITS["basic"])])[0] for seed in (0, 1))
+    assert compare.difference(one, other, "sampled", "basic") is None
+    assert compare.difference(one, one, "sampled", "all") is None  # the forty were not played
+    own = compare.difference(one, one, "greedy", "basic")
+    assert own is not None
+    assert own.mean == 0
+    assert np.isnan(own.low)
+
+
+def test_rates_never_share_a_table() -> None:
+    config = preset("ppo", "combined")
+    with pytest.raises(ValueError, match=r"expected one frame rate, got 10, 60"):
+        compare.rows([run(config, 0, 1.0), run(dataclasses.replace(config, fps=60), 0, 1.0)])
