@@ -82,7 +82,7 @@ def specifications(fps: int) -> dict[str, Specification]:
     for name in names():
         first = {**common, **_shipped("policy", name), "k": 10, "runs": 5, "greedy_first": True}
         if name.endswith("-o"):
-            first["greedy"] = "median"  # of the time until the next removal; rows by the mode have other settings
+            first["greedy"] = "median of what is left"  # rows by an earlier rule have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
 
