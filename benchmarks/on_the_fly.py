@@ -106,10 +106,11 @@ def _intro(policy: Pretrained) -> str:
     config = policy.config
     return (
         "# On the fly, greedily\n\nWritten by `make on-the-fly`. Shipped policies, one seed each: the best of five by "
-        f"mode on basic and unseen basic games. {config.fps} fps, reset {config.resets}, {config.dtype}. Mode: the "
+        f"median on basic and unseen basic games. {config.fps} fps, reset {config.resets}, {config.dtype}. Mode: the "
         "most likely action at each decision. Median: the next block goes when half of the policy's chance of acting "
-        f"has passed. Both play one episode a scene, sampled actions {SAMPLES}. The median was chosen on basic and "
-        "unseen basic games; variations are of the basic games, and none was trained on."
+        "has passed; a block that has gone is not chosen again. Both play one episode a scene, sampled actions "
+        f"{SAMPLES}. The median was chosen on basic and unseen basic games; variations are of the basic games, and none "
+        "was trained on."
     )
 
 
