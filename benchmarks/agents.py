@@ -22,6 +22,7 @@ import tyro
 from rich.console import Console
 
 import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to the trainer
+from benchmarks import plots
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_text
@@ -262,10 +263,16 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         if not of_rate:
             continue
         table = compare.rows(of_rate)
-        parts += [f"## {fps} fps", *_added(table), compare.markdown(table), _unseen(table), "### Time"]
+        predicting = with_predictions(table)
+        parts.append(f"## {fps} fps")
+        if predicting:  # too many rows for the other pictures
+            picture = out / f"{stem}-{fps}fps.png"
+            plots.predictions(predicting, picture)
+            parts += [*_added(predicting), f"![reward by what is seen at {fps} fps]({picture.name})"]
+        parts += [compare.markdown(table), _unseen(table), "### Time"]
         parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
         parts.append(_times(table))
-        for name, draw in (("curves", compare.draw_curves), ("bars", compare.draw_bars)):
+        for name, draw in () if predicting else (("curves", compare.draw_curves), ("bars", compare.draw_bars)):
             picture = out / f"{stem}-{name}-{fps}fps.png"
             draw(picture, table)
             parts.append(f"![{name} at {fps} fps]({picture.name})")
@@ -273,28 +280,34 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
     return "\n\n".join(parts) + "\n"
 
 
-def _added(rows: Sequence[compare.Row]) -> list[str]:
-    """What each prediction adds to the same agent's reward without one, by split; nothing if no row has one."""
-    found = {replace(_without_sums(row.config), seed=0): row for row in rows}
-    named = {name: found[config] for name, config in controllers().items() if config in found}
-    if not named:
-        return []
+def with_predictions(table: Sequence[compare.Row]) -> dict[str, dict[str, compare.Row]]:
+    """The rows of the table of controllers by agent and by what it sees; nothing if there are none."""
+    found = {replace(_without_sums(row.config), seed=0): row for row in table}
+    agents: dict[str, dict[str, compare.Row]] = {}
+    for name, config in controllers().items():
+        if config in found:
+            seen = name.removeprefix(f"{config.paper_name.lower()}-")
+            agents.setdefault(config.paper_name, {})[seen] = found[config]
+    return agents
+
+
+def _added(agents: Mapping[str, Mapping[str, compare.Row]]) -> list[str]:
+    """What each prediction adds to the same agent's reward without one, by split."""
     parts = [
         "### What a prediction adds\n\nReward of sampled actions, less that of the same agent and seeds without a "
         "prediction, whose own reward is in the first column; [95 % bootstrap interval over seeds]. An interval around "
-        "0: it does not help. If `perfect` does not help either, no world model can."
+        "0: it does not help; of three seeds, intervals are rough. Where `perfect` does not help, no "
+        "model's prediction can."
     ]
     for split in ("basic", "all"):
         cells = []
-        for agent, strategy in product(CONTROLLERS, MOVING):
-            stem = preset(agent, strategy).paper_name.lower()
-            plain = named.get(f"{stem}-none")
+        for agent, seen in agents.items():
+            plain = seen.get("none")
             own = plain.summary("sampled", split) if plain else None
-            others = [named.get(f"{stem}-{name}") for name in PREDICTIONS if name != "none"]
+            others = [seen.get(name) for name in PREDICTIONS if name != "none"]
             added = [compare.difference(row, plain, "sampled", split) if row and plain else None for row in others]
-            cells.append([stem.upper(), f"{own.mean:.1f}" if own else "-", *map(_signed, added)])
-        header = [SPLIT_TITLES[split], *PREDICTIONS]
-        parts.append(markdown_table(header, cells))
+            cells.append([agent, f"{own.mean:.1f}" if own else "-", *map(_signed, added)])
+        parts.append(markdown_table([SPLIT_TITLES[split], *PREDICTIONS], cells))
     return parts
 
 

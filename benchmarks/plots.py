@@ -1,10 +1,12 @@
-"""The bar chart of the engines and the scaling plots."""
+"""The bar chart of the engines, the scaling plots, and agents with and without predictions."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -12,11 +14,34 @@ import iphyre_jax
 from benchmarks.engines import FLOAT32, FLOAT64, STEPPING
 from benchmarks.report import Results
 from benchmarks.workload import MIXED
+from iphyre_jax.train.reports.compare import Row
+from iphyre_jax.train.reports.report import TITLES
 
 GREY, BLUE, LIGHT = "0.6", "tab:blue", "tab:cyan"
 COLOURS = {FLOAT32: BLUE, FLOAT64: LIGHT}
 COLUMNS = 3  # of panels
 RESOLUTION = 150  # dots an inch
+
+
+def predictions(agents: Mapping[str, Mapping[str, Row]], file: Path) -> None:
+    """Draw a panel for each agent: its sampled reward by what it sees, on basic and on all forty games."""
+    figure = Figure(figsize=(9, 0.6 + 2.5 * -(-len(agents) // COLUMNS)), layout="constrained")
+    panels = figure.subplots(-(-len(agents) // COLUMNS), COLUMNS, sharey=True, squeeze=False).ravel()
+    for axes, (agent, rows) in zip(panels, agents.items(), strict=False):
+        for split, colour in (("basic", BLUE), ("all", "tab:orange")):
+            found = {name: value for name, row in rows.items() if (value := row.summary("sampled", split))}
+            middle = [value.mean for value in found.values()]
+            low, high = ([getattr(value, end) for value in found.values()] for end in ("low", "high"))
+            ends = [np.nan_to_num(np.subtract(middle, low)), np.nan_to_num(np.subtract(high, middle))]
+            axes.errorbar(list(found), middle, ends, fmt="o", capsize=3, color=colour, label=TITLES[split])
+        axes.set(title=agent)
+        axes.tick_params(axis="x", rotation=60)
+        axes.grid(axis="y", alpha=0.3)
+    for axes in panels[len(agents) :]:
+        axes.set_axis_off()
+    panels[0].legend()
+    figure.supylabel("mean reward, sampled actions")
+    figure.savefig(file, dpi=RESOLUTION)
 
 
 def bars(results: Results, file: Path) -> bool:

@@ -17,7 +17,7 @@ def test_what_a_prediction_adds() -> None:
         for name, rewards in scores.items()
         for seed, reward in enumerate(rewards)
     ]
-    text, basic, forty = agents._added(compare.rows(played))
+    text, basic, forty = agents._added(agents.with_predictions(compare.rows(played)))
     assert "less that of the same agent and seeds" in text
     for part in (basic, forty):
         lines = [line.strip("| ").split(" | ") for line in part.splitlines()]
@@ -27,6 +27,6 @@ def test_what_a_prediction_adds() -> None:
         assert rows["SAC-C"] == ["-"] * 7  # without the row to compare with there is no difference
 
 
-def test_other_tables_say_nothing_of_predictions() -> None:
+def test_other_tables_have_no_predictions() -> None:
     config = agents.rows("default")["ppo-c"]
-    assert agents._added(compare.rows([run(config, 0, 1.0)])) == []
+    assert agents.with_predictions(compare.rows([run(config, 0, 1.0)])) == {}
