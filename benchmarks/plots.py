@@ -25,9 +25,8 @@ RESOLUTION = 150  # dots an inch
 
 def predictions(agents: Mapping[str, Mapping[str, Row]], file: Path) -> None:
     """Draw a panel for each agent: its sampled reward by what it sees, on basic and on all forty games."""
-    figure = Figure(figsize=(9, 0.6 + 2.5 * -(-len(agents) // COLUMNS)), layout="constrained")
-    panels = figure.subplots(-(-len(agents) // COLUMNS), COLUMNS, sharey=True, squeeze=False).ravel()
-    for axes, (agent, rows) in zip(panels, agents.items(), strict=False):
+    figure, panels = _panels(len(agents), 3.0, 2.8, sharey=True)
+    for axes, (agent, rows) in zip(panels, agents.items(), strict=True):
         for split, colour in (("basic", BLUE), ("all", "tab:orange")):
             found = {name: value for name, row in rows.items() if (value := row.summary("sampled", split))}
             middle = [value.mean for value in found.values()]
@@ -37,8 +36,6 @@ def predictions(agents: Mapping[str, Mapping[str, Row]], file: Path) -> None:
         axes.set(title=agent)
         axes.tick_params(axis="x", rotation=60)
         axes.grid(axis="y", alpha=0.3)
-    for axes in panels[len(agents) :]:
-        axes.set_axis_off()
     panels[0].legend()
     figure.supylabel("mean reward, sampled actions")
     figure.savefig(file, dpi=RESOLUTION)
@@ -74,18 +71,23 @@ def scaling(results: Results, file: Path) -> bool:
     panels += [_games] if any(one.workload != MIXED for one in results.measurements) else []
     if not panels:
         return False
-    rows = -(-len(panels) // COLUMNS)
-    columns = min(COLUMNS, len(panels))
-    figure = Figure(figsize=(5.2 * columns, 4 * rows), layout="constrained")
-    places = figure.subplots(rows, columns, squeeze=False).flat
-    for axes, draw in zip(places, panels, strict=False):
+    figure, places = _panels(len(panels), 5.2, 4.0)
+    for axes, draw in zip(places, panels, strict=True):
         draw(axes, results)
         axes.legend()
-    for axes in places[len(panels) :]:
-        axes.remove()
     figure.suptitle(_machine(results))
     figure.savefig(file, dpi=RESOLUTION)
     return True
+
+
+def _panels(count: int, width: float, height: float, *, sharey: bool = False) -> tuple[Figure, list[Axes]]:
+    """A figure of some panels, at most COLUMNS beside each other; width and height of each in inches."""
+    rows, columns = -(-count // COLUMNS), min(COLUMNS, count)
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    places = list(figure.subplots(rows, columns, sharey=sharey, squeeze=False).flat)
+    for axes in places[count:]:
+        axes.remove()
+    return figure, places[:count]
 
 
 def _batches(axes: Axes, results: Results) -> None:
