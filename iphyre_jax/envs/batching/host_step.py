@@ -27,7 +27,7 @@ from iphyre_jax.observations.features import Features
 from iphyre_jax.scenes.compile import step_timing
 
 ID_WORDS: Final = 2  # words in front of a packed scene that identify its content
-SHORT: Final = 1e-3  # s; a group that takes less gains nothing from a second thread, which must be woken
+SHORT: Final = 2.5e-3  # s; a decision that takes less gains nothing from a second thread, which must be woken
 TABLES_CACHED: Final = 16  # sets of scenes
 LANES_CACHED: Final = 64  # scenes of groups, some hundred kilobytes each
 
@@ -63,7 +63,7 @@ class HostStep:
         self._timing = ClientArray(pack_timing(step_timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, GameTable] = OrderedDict()
         self._lanes: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, ClientArray]] = OrderedDict()
-        self._group_seconds = 0.0  # processor time of a group, mean over the last decision
+        self._seconds = 0.0  # processor time of the groups of the last decision
         self._lock = threading.Lock()
         self._local = threading.local()
 
@@ -115,7 +115,7 @@ class HostStep:
             words[ended, 0] = games
 
     def _run_all(self, work: Callable[[Group], None], groups: Sequence[Group]) -> None:
-        """Run groups: long ones on all threads, short ones here, because waking a thread takes longer."""
+        """Run groups: on all threads, or here if the last decision was short, because waking a thread takes longer."""
 
         def timed(group: Group) -> float:
             interrupts.check()
@@ -123,9 +123,9 @@ class HostStep:
             work(group)
             return time.thread_time() - start
 
-        are_short = self._group_seconds < SHORT or len(groups) == 1
-        seconds = [timed(group) for group in groups] if are_short else run_all(timed, groups)
-        self._group_seconds = sum(seconds) / len(seconds)
+        is_short = self._seconds < SHORT or len(groups) == 1
+        seconds = map(timed, groups) if is_short else run_all(timed, groups)
+        self._seconds = sum(seconds)
 
     def _table(self, scenes: Ints, topology_id: Ints) -> GameTable:
         key = scenes[:, :ID_WORDS].tobytes() + topology_id.tobytes()
