@@ -3,9 +3,9 @@
     python -m benchmarks.carry_over --fps 10
     python -m benchmarks.carry_over --fps 10 --test    # plays the forty games too, and counts that it did
 
-Each row differs from the default preset in one thing. They are compared on the unseen basic games and on generated
-scenes that were held out. The forty games are played with --test only, each policy once: its greedy plan,
-then tries that differ. Everything goes on where it stopped.
+Each row differs from the default preset in one thing, or is four policies of that preset as one. They are compared on
+the unseen basic games and on generated scenes that were held out. The forty games are played with --test only, each
+policy once: its greedy plan, then tries that differ. Everything goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import rollout_collector
+from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
@@ -49,12 +50,14 @@ from iphyre_jax.train.storage.pretrained import load_pretrained
 
 SCENES: Final = 20_000  # of the pool's file, seed 0
 TRAINED_ON: Final = 19_000  # the first ones; the others are held out
+MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
 Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
 EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
+ENSEMBLE: Final = "ensemble"
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -99,8 +102,16 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
             "small-pool": replace(base, pool_scenes=FEWER),
             "uniform": replace(base, curriculum="uniform"),
             "small-network": replace(base, hidden_sizes=(64, 64)),
+            ENSEMBLE: base,
         }
     )
+
+
+def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
+    """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
+    count, run = (MEMBERS, "default") if name == ENSEMBLE else (1, name)
+    folder = root / f"{fps}fps" / run
+    return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
 
 
 ROWS: Final = tuple(rows(Path(), OFFICIAL_FPS))  # their names, the same at all rates
@@ -113,6 +124,15 @@ def pool_file(root: Path) -> Path:
         root.mkdir(parents=True, exist_ok=True)
         save_generated(generate_scenes(SCENES, journal=root / "pool.parts", report=print), file)
     return file
+
+
+def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> tuple[TrainConfig, State]:
+    """Settings (of the first run) and state of a row's policy; what is missing is trained."""
+    loaded = [trained(folder, config, console) for folder, config in runs_of_row.items()]
+    if len(loaded) == 1:
+        return loaded[0]
+    configs, states = zip(*loaded, strict=True)
+    return configs[0], ensemble(configs, states)
 
 
 def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainConfig, State]:
@@ -174,7 +194,7 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConf
         for name, agent in {"random plans": draw_randomly, **agents}.items():
             settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
             if name in of_rate:
-                settings.update(_settings(of_rate[name][0]))
+                settings.update(_settings(of_rate[name][0], _count(of_rate[name][1])))
             tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps, "float32")))
     if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
         return
@@ -202,21 +222,22 @@ def main(arguments: Arguments) -> None:
 
     def keep_held_out(fps: int, name: str, config: TrainConfig, state: State) -> None:
         compute = partial(held_out_row, config, state, held_out)
-        kept_row(_folder(arguments.rows, "held-out", fps), name, _settings(config), compute)
+        kept_row(_folder(arguments.rows, "held-out", fps), name, _settings(config, _count(state)), compute)
 
     for fps in tables:
         keep_held_out(fps, SHIPPED, *_shipped(fps))
     for seed, fps in product(range(arguments.seeds), tables):
         for name, plain in tables[fps].items():
-            config, folder = replace(plain, seed=seed), arguments.root / f"{fps}fps" / name / f"seed-{seed}"
+            runs_of_row = members(arguments.root, fps, name, plain, seed)
             wanted = arguments.train and (not arguments.only or name in arguments.only)
             held, forty = (_folder(arguments.rows, scenes, fps) / f"{name}-{seed}.json" for scenes in EVALUATED)
             if held.is_file():
-                read_row(held, _settings(with_sum(config)))  # refuses one that is out of date
+                first = with_sum(next(iter(runs_of_row.values())))
+                read_row(held, _settings(first, len(runs_of_row)))  # refuses one that is out of date
             known = held.is_file() and (forty.is_file() or not arguments.test)
-            if known or not (wanted or is_trained(folder, config)):
+            if known or not (wanted or all(is_trained(*run) for run in runs_of_row.items())):
                 continue
-            policies[fps][f"{name}-{seed}"] = one = trained(folder, config, console)
+            policies[fps][f"{name}-{seed}"] = one = policy_of(runs_of_row, console)
             keep_held_out(fps, f"{name}-{seed}", *one)
             _write(arguments, generated.manifest)
     if arguments.test:
@@ -229,9 +250,14 @@ def _folder(root: Path, scenes: Evaluated, fps: int) -> Path:
     return root / f"{scenes}-{fps}fps"
 
 
-def _settings(config: TrainConfig) -> dict[str, Any]:
-    """Settings of a row, as they come back from JSON."""
-    return {"settings": json.loads(json.dumps(config.to_json()))}
+def _settings(config: TrainConfig, count: int = 1) -> dict[str, Any]:
+    """Settings of a row, as they come back from JSON: those of the first of its `count` runs."""
+    return {"settings": json.loads(json.dumps(config.to_json())), **({"members": count} if count > 1 else {})}
+
+
+def _count(state: State) -> int:
+    """The number of policies in a state."""
+    return len(state.params.get("members", [state]))
 
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:

@@ -27,7 +27,8 @@ INTRO: Final = (
     "its episodes, the generated scenes that ship with the package, drawn by learnability. The other rows differ in "
     "one thing: no generated scenes (`variations`), generated scenes alone (`generated`), 19,000 of them and twice the "
     "updates (`large-pool`), 1,000 (`small-pool`), all drawn alike (`uniform`), two blocks of width 64 "
-    "(`small-network`). "
+    "(`small-network`). `ensemble` is four policies of `default` as one, by the product of their distributions; its "
+    "seeds share no policy. "
     "`ppo-i-objects` is the shipped policy, the best of five seeds of `default` on basic and unseen basic games, "
     "trained at 10 steps a second. Cells: mean over seeds [95 % bootstrap interval over seeds]; with one seed the "
     "interval is over games or scenes."
@@ -38,7 +39,8 @@ CHOSEN: Final = (
     "and how far they must differ come from trials on held-out generated scenes in which the forty games were in view; "
     "other rules were compared on held-out scenes since and were no better. `large-pool` got the number of updates of "
     "a trial on held-out scenes after `default` at 10 steps a second had been seen on the forty; nothing else was "
-    "changed after any of these rows was seen."
+    "changed after any of these rows was seen. `ensemble` came last: how its policies are put together, and how many, "
+    "was chosen on held-out scenes with `small-network`."
 )
 
 Cells = Callable[[Row], Sequence[float]]

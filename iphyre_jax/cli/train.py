@@ -26,6 +26,7 @@ from iphyre_jax.files import check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
+from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
@@ -76,6 +77,9 @@ class Evaluate:
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
     """Play the ten unseen basic games too."""
+    ensemble: tuple[Path, ...] = ()
+    """Run folders of the same settings with other seeds: evaluate all policies as one, and write ensemble.json and
+    ensemble.md instead."""
     attempts: int | None = None
     """Also let the policy try each game so often, blind: greedy first, then sampled; print how soon it solves them."""
 
@@ -148,12 +152,12 @@ def _run(command: TrainingCommand, console: Console) -> int:
         with compiled_ahead(config, _others(config) if command.evaluate else ()):
             return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
-        config, state = runs.load(command.run, command.checkpoint)
+        config, state = _policy(command)
         check_writable(command.run, str(command.run))
         games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
         if command.attempts is not None:
             check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
-        _evaluate_and_report(command.run, config, state, games, console)
+        _evaluate_and_report(command.run, config, state, games, console, command.ensemble)
         if command.attempts is not None:
             _print_attempts(config, state, games, command.attempts, console)
         return 0
@@ -179,15 +183,31 @@ def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> i
     return 0
 
 
+def _policy(command: Evaluate) -> tuple[TrainConfig, RunState]:
+    """Settings and state of the run to evaluate, or of it and others as one policy."""
+    config, state = runs.load(command.run, command.checkpoint)
+    if not command.ensemble:
+        return config, state
+    configs, states = zip((config, state), *map(runs.load, command.ensemble), strict=True)
+    return config, state._replace(learner=ensemble(configs, [one.learner for one in states]))
+
+
 def _evaluate_and_report(
-    folder: Path, config: TrainConfig, state: RunState, games: Sequence[str], console: Console
+    folder: Path,
+    config: TrainConfig,
+    state: RunState,
+    games: Sequence[str],
+    console: Console,
+    others: Sequence[Path] = (),
 ) -> None:
     """Play the games, write the evaluation into the folder and print the table by split."""
     with console.status(f"evaluating on {len(games)} games"):
         evaluation = evaluate(config, state.learner, games)
-    runs.write_evaluation(folder, config, evaluation, int(state.update))
+    members = tuple(path.resolve().name for path in (folder, *others)) if others else ()
+    runs.write_evaluation(folder, config, evaluation, int(state.update), members)
     _print_splits(evaluation, config, console)
-    say(console, f"More in {folder / 'evaluation.md'}")
+    written = runs.OF_ENSEMBLE if others else runs.EVALUATION
+    say(console, f"More in {(folder / written).with_suffix('.md')}")
 
 
 def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], count: int, console: Console) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ DIFFER = {
     "small-pool": {"pool_scenes"},
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},
+    "ensemble": set(),
 }
 
 
@@ -48,6 +49,15 @@ def test_rows_differ_in_one_thing(fps: int) -> None:
         assert config.pool_scenes <= carry_over.TRAINED_ON < carry_over.SCENES or not config.scene_pool
         differ = {one.name for one in fields(base) if getattr(base, one.name) != getattr(config, one.name)}
         assert differ == DIFFER[name]
+
+
+def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
+    plain = carry_over.rows(Path("pool.npz"), 10)["ensemble"]
+    runs = [carry_over.members(Path(), 10, "ensemble", plain, seed) for seed in range(5)]
+    folders = [folder for one in runs for folder in one]
+    assert folders == [Path("10fps/default") / f"seed-{seed}" for seed in range(5 * carry_over.MEMBERS)]
+    assert [config.seed for one in runs for config in one.values()] == list(range(5 * carry_over.MEMBERS))
+    assert carry_over.members(Path(), 60, "uniform", plain, 3) == {Path("60fps/uniform/seed-3"): replace(plain, seed=3)}
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:

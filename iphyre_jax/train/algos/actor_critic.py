@@ -30,7 +30,7 @@ Carry = tuple[Params, optax.OptState]
 class State(NamedTuple):
     """All that an update changes."""
 
-    params: Params  # "policy" and, with a critic, "value"
+    params: Params  # "policy" and, with a critic, "value"; or "members", the policies of an ensemble
     opt_state: optax.OptState
     num_updates: jax.Array  # () int32
     kl_coef: Any = NOTHING  # () float32, of PPO
@@ -89,8 +89,10 @@ class ActorCritic(Algorithm[S]):
         return forward(self.value_network, params["value"], obs)
 
     def distribution(self, params: Params, obs: jax.Array) -> jax.Array:
-        """The action head's distribution for each observation."""
-        return self.head.distribution(forward(self.policy_network, params["policy"], obs), slot_mask(obs))
+        """The action head's distribution for each observation; of an ensemble, the normalised product of all."""
+        members, mask = params["members"] if "members" in params else (params["policy"],), slot_mask(obs)
+        each = [self.head.distribution(forward(self.policy_network, one, obs), mask) for one in members]
+        return each[0] if len(each) == 1 else jax.nn.log_softmax(sum(each[1:], each[0]) / len(each))
 
     @jitted(0, 4)
     def sample_action(self, state: State, key: jax.Array, obs: jax.Array, num_samples: int = 1) -> PolicyOutput:
@@ -114,7 +116,7 @@ class ActorCritic(Algorithm[S]):
 
     def inference_state(self, state: State) -> State:
         """See `Algorithm`."""
-        return state._replace(params={"policy": state.params["policy"]}, opt_state=NOTHING)
+        return state._replace(params={k: v for k, v in state.params.items() if k != "value"}, opt_state=NOTHING)
 
     def entropy_weight(self, num_updates: jax.Array) -> jax.Array:
         """() weight of the entropy bonus after so many updates."""

@@ -5,10 +5,12 @@ metrics.csv       one line an update, written at once
 checkpoints/      states of the run, the newest two (`checkpoint.py`)
 curve.png         learning curve
 evaluation.json   and evaluation.md: the trained policy's games
+ensemble.json     and ensemble.md: those of an ensemble of this run and others
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -25,7 +27,7 @@ from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
 VERSION: Final = 3  # version 2 has the names of `old_names`
-CONFIG, EVALUATION = "config.json", "evaluation.json"
+CONFIG, EVALUATION, OF_ENSEMBLE = "config.json", "evaluation.json", "ensemble.json"
 PUBLISHED: Final = (CONFIG, logs.FILE, EVALUATION)  # of an evaluated run; scores last, for they say that it is whole
 
 
@@ -99,19 +101,24 @@ def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tup
     return config, checkpoint.load(path, config, name, to_resume=to_resume)
 
 
-def write_evaluation(path: Path, config: TrainConfig, evaluation: Evaluation, updates: int) -> None:
-    """Write evaluation.json and evaluation.md into a run folder.
+def write_evaluation(
+    path: Path, config: TrainConfig, evaluation: Evaluation, updates: int, ensemble: Sequence[str] = ()
+) -> None:
+    """Write evaluation.json and evaluation.md into a run folder; of an ensemble, ensemble.json and ensemble.md.
 
     Args:
         path: of the folder.
         config: of the run.
         evaluation: of the policy.
         updates: that the policy was trained for.
+        ensemble: the folders of its runs.
     """
+    file = path / (OF_ENSEMBLE if ensemble else EVALUATION)
     facts = {
+        **({"ensemble of": ", ".join(ensemble)} if ensemble else {}),
         "updates trained": f"{updates} of {config.updates}, {updates * config.episodes_per_update} episodes",
         **provenance(),
     }
     content = {"agent": config.agent_name, "settings": config.to_json(), **facts, **evaluation.to_json()}
-    replace_text(path / "evaluation.md", markdown(evaluation, config, facts))
-    replace_json(path / EVALUATION, content)
+    replace_text(file.with_suffix(".md"), markdown(evaluation, config, facts))
+    replace_json(file, content)
