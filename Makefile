@@ -32,7 +32,7 @@ run: .venv/.stamp ## train the plan-in-advance agent on basic games and generate
 	.venv/bin/iphyre-jax train
 
 on-the-fly: .venv/.stamp ## shipped policies that act on the fly: greedy by mode and by median, beside sampled actions
-	$(PY) -m benchmarks.on_the_fly
+	$(PY) -m benchmarks.learning.on_the_fly
 
 # Tests start hundreds of processes. Each would translate the package to bytecode again where none may be kept.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -n 2 --dist worksteal
@@ -161,13 +161,13 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 	$(WHEEL_VENV)/bin/python -I tests/check_wheel.py
 
 results: .venv/.stamp ## train five seeds of every agent and write docs/results/results.md; goes on where it stopped
-	$(PY) -m benchmarks.agents --weights iphyre_jax/train/weights
+	$(PY) -m benchmarks.learning.agents --weights iphyre_jax/train/weights
 
 results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
-	$(PY) -m benchmarks.agents --table paper --seeds 1
+	$(PY) -m benchmarks.learning.agents --table paper --seeds 1
 
 results-controllers: .venv/.stamp ## three seeds of agents that see predictions of world models; writes docs/results/results-controllers.md; needs results-world
-	$(PY) -m benchmarks.agents --table controllers --seeds 3
+	$(PY) -m benchmarks.learning.agents --table controllers --seeds 3
 
 analyse: .venv/.stamp ## every table of the analyses and its data, row by row in build/analyses; goes on where it stopped
 	.venv/bin/iphyre-jax analyse --data iphyre_jax/analyses
@@ -179,7 +179,7 @@ results-offline: .venv/.stamp ## train every outcome classifier and write docs/r
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
 carry-over: .venv/.stamp ## train the default agent and what differs from it in one thing, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
-	$(PY) -m benchmarks.carry_over
+	$(PY) -m benchmarks.learning.carry_over
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped
 	.venv/bin/iphyre-jax sequence compare --weights iphyre_jax/models/sequence/weights

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 
-from benchmarks import agents
+from benchmarks.learning import agents_document
+from benchmarks.learning import rows as tables
 from iphyre_jax.train.reports import compare
 from tests.train.reports.test_compare import run
 
 
 def test_what_a_prediction_adds() -> None:
-    table = agents.controllers()
+    table = tables.controllers()
     scores = {"ppo-o-none": (500.0, 540.0), "ppo-o-perfect": (600.0, 620.0), "sac-c-zeros": (100.0,)}
     played = [
         run(dataclasses.replace(table[name], prediction_sha256="0" * 64 if "perfect" in name else ""), seed, reward)
         for name, rewards in scores.items()
         for seed, reward in enumerate(rewards)
     ]
-    text, basic, forty = agents._added(agents.with_predictions(compare.rows(played)))
+    text, basic, forty = agents_document._added(agents_document.with_predictions(compare.rows(played)))
     assert "less that of the same agent and seeds" in text
     for part in (basic, forty):
         lines = [line.strip("| ").split(" | ") for line in part.splitlines()]
-        assert lines[0][1:] == list(agents.PREDICTIONS)
+        assert lines[0][1:] == list(tables.PREDICTIONS)
         rows = {line[0]: line[1:] for line in lines[2:]}
         assert rows["PPO-O"] == ["520.0", "-", "-", "-", "-", "+90.0 [+80, +100]", "-"]
         assert rows["SAC-C"] == ["-"] * 7  # without the row to compare with there is no difference
 
 
 def test_other_tables_have_no_predictions() -> None:
-    config = agents.rows("default")["ppo-c"]
-    assert agents.with_predictions(compare.rows([run(config, 0, 1.0)])) == {}
+    config = tables.rows("default")["ppo-c"]
+    assert agents_document.with_predictions(compare.rows([run(config, 0, 1.0)])) == {}

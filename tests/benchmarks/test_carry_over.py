@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import carry_over
-from benchmarks.carry_over_document import document
+from benchmarks.learning import carry_over
+from benchmarks.learning.carry_over_document import document
 from iphyre_jax.files import read_json_object
 from iphyre_jax.scenes import GAMES, SPLITS
 

@@ -14,7 +14,7 @@ import jax
 import numpy as np
 import pytest
 
-from benchmarks.agents import rows
+from benchmarks.learning.rows import rows
 from iphyre_jax.train import trainer
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.observations import start_observations

@@ -1,7 +1,7 @@
 """`make on-the-fly`: the shipped policies that act on the fly, greedily in two ways, beside their sampled actions.
 
-    python -m benchmarks.on_the_fly --out docs/results
-    python -m benchmarks.on_the_fly --out docs/results --test    # plays the forty games too, and counts that it did
+    python -m benchmarks.learning.on_the_fly --out docs/results
+    python -m benchmarks.learning.on_the_fly --out docs/results --test    # plays the forty games too, and counts it
 
 The mode takes the most likely action at each decision; the median waits until half of the policy's chance of acting has
 passed (`train/hazard.py`). The rule was chosen on the basic games and their unseen layouts. With --test the
@@ -20,7 +20,7 @@ import jax
 import numpy as np
 import tyro
 
-from benchmarks.agents import SEEDS
+from benchmarks.learning.agents import SEEDS
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance

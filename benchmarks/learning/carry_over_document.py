@@ -1,4 +1,4 @@
-"""The document of `benchmarks.carry_over`, from its rows."""
+"""The document of `benchmarks.learning.carry_over`, from its rows."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """`make carry-over`: what carries over to unseen scenes from variations of the basic games and generated scenes.
 
-    python -m benchmarks.carry_over --fps 10
-    python -m benchmarks.carry_over --fps 10 --test    # plays the forty games too, and counts that it did
+    python -m benchmarks.learning.carry_over --fps 10
+    python -m benchmarks.learning.carry_over --fps 10 --test    # plays the forty games too, and counts that it did
 
 Each row differs from the default preset in one thing, or is four policies of that preset as one. They are compared on
 the unseen basic games and on generated scenes that were held out. The forty games are played with --test only, each
@@ -24,9 +24,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from benchmarks.agents import check_settings, finished_run
-from benchmarks.carry_over_document import document
-from benchmarks.on_the_fly import counted, preferring
+from benchmarks.learning.agents import check_settings, finished_run
+from benchmarks.learning.carry_over_document import document
+from benchmarks.learning.on_the_fly import counted, preferring
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.agents import draw_randomly
 from iphyre_jax.attempts.metrics import best_reward, solved_curve

@@ -1,0 +1,1 @@
+"""Results of agents that learn: their rows, seed by seed, and the documents of what is there."""

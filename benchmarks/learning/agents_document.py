@@ -1,0 +1,144 @@
+"""The documents of `benchmarks.learning.agents`, from the runs that are published."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from benchmarks import plots
+from benchmarks.learning.rows import PREDICTIONS, controllers, without_sums
+from iphyre_jax.files import read_json_object
+from iphyre_jax.provenance import provenance
+from iphyre_jax.rules import OFFICIAL_FPS
+from iphyre_jax.train.reports import compare
+from iphyre_jax.train.reports.report import TITLES as SPLIT_TITLES
+from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.statistics import Summary
+from iphyre_jax.train.storage import logs, runs
+
+OFFICIAL: Final = (
+    "The official stack: 200 iterations of 4,000 episodes of 150 steps, at a measured 43.6 us a step, take 5,200 s of "
+    "simulation alone. Ours: everything counts, compilation too (but not in the last column)."
+)
+TITLES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "results-controllers": "# Agents that see predictions\n\nTo the official observation comes the table 0.1 s "
+        "later if nothing is removed now: by a world model that learned from basic games (seed 0 of its row), by the "
+        "simulator (perfect), or zeros in its place. Perfect, and motion (the true velocities), bound what models give."
+    }
+)  # of documents that are not simply results
+PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points
+
+
+def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out: Path, stem: str) -> str:
+    """The text of the document; draws its pictures."""
+    commits = {str(read_json_object(run.path / runs.EVALUATION)["commit"]) for run in all_runs}
+    origin = json.dumps({**provenance(), "commits of the runs": sorted(commits)}, indent=1)
+    parts = [
+        TITLES.get(stem, "# Results"),
+        f"Written by `make {stem}`. Trained on the basic split only, or, where the row says so, on its variations and "
+        "on generated scenes that are near no test game; everything else is zero shot. Greedy: one episode a game; "
+        "sampled: 20, as the agent plays to learn, which is the paper's protocol. Cells: mean over "
+        "seeds, share solved, [95 % bootstrap interval over seeds], interquartile mean over games and seeds. People "
+        "and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of each run.",
+        f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
+    ]
+    for fps in (10, 60):
+        of_rate = [run for run in all_runs if run.config.fps == fps]
+        if not of_rate:
+            continue
+        table = compare.rows(of_rate)
+        predicting = with_predictions(table)
+        parts.append(f"## {fps} fps")
+        if predicting:  # too many rows for the other pictures
+            picture = out / f"{stem}-{fps}fps.png"
+            plots.predictions(predicting, picture)
+            parts += [*_added(predicting), f"![reward by what is seen at {fps} fps]({picture.name})"]
+        parts += [compare.markdown(table), _unseen(table), "### Time"]
+        parts += [OFFICIAL] if fps == OFFICIAL_FPS else []
+        parts.append(_times(table))
+        for name, draw in () if predicting else (("curves", compare.draw_curves), ("bars", compare.draw_bars)):
+            picture = out / f"{stem}-{name}-{fps}fps.png"
+            draw(picture, table)
+            parts.append(f"![{name} at {fps} fps]({picture.name})")
+    parts += ["## Origin", f"```json\n{origin}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def with_predictions(table: Sequence[compare.Row]) -> dict[str, dict[str, compare.Row]]:
+    """The rows of the table of controllers by agent and by what it sees; nothing if there are none."""
+    found = {replace(without_sums(row.config), seed=0): row for row in table}
+    agents: dict[str, dict[str, compare.Row]] = {}
+    for name, config in controllers().items():
+        if config in found:
+            seen = name.removeprefix(f"{config.paper_name.lower()}-")
+            agents.setdefault(config.paper_name, {})[seen] = found[config]
+    return agents
+
+
+def _added(agents: Mapping[str, Mapping[str, compare.Row]]) -> list[str]:
+    """What each prediction adds to the same agent's reward without one, by split."""
+    parts = [
+        "### What a prediction adds\n\nReward of sampled actions, less that of the same agent and seeds without a "
+        "prediction, whose own reward is in the first column; [95 % bootstrap interval over seeds]. An interval around "
+        "0: it does not help; of three seeds, intervals are rough. Where `perfect` does not help, no "
+        "model's prediction can."
+    ]
+    for split in ("basic", "all"):
+        cells = []
+        for agent, seen in agents.items():
+            plain = seen.get("none")
+            own = plain.summary("sampled", split) if plain else None
+            others = [seen.get(name) for name in PREDICTIONS if name != "none"]
+            added = [compare.difference(row, plain, "sampled", split) if row and plain else None for row in others]
+            cells.append([agent, f"{own.mean:.1f}" if own else "-", *map(_signed, added)])
+        parts.append(markdown_table([SPLIT_TITLES[split], *PREDICTIONS], cells))
+    return parts
+
+
+def _signed(value: Summary | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value.mean:+.1f}" + ("" if np.isnan(value.low) else f" [{value.low:+.0f}, {value.high:+.0f}]")
+
+
+def _unseen(rows: Sequence[compare.Row]) -> str:
+    """The ten unseen layouts of the basic games."""
+    cells = []
+    for row in rows:
+        values = [row.summary(kind, "unseen_basic") for kind in compare.KINDS]
+        cells.append([row.name, *("-" if value is None else f"{value.mean:.1f}" for value in values)])
+    return "### Unseen basic\n\n" + markdown_table(["agent", *compare.KINDS], cells)
+
+
+def seconds_to_paper(run: compare.Evaluated) -> float | None:
+    """Seconds until greedy plans first reach the paper's PPO-I on basic; None if they never do.
+
+    Playing, learning and measuring count, from the end of the first update, which compiles.
+    """
+    lines = logs.read(run.path)
+    for line in lines:
+        if line["greedy_reward"] and float(line["greedy_reward"]) >= PAPER_BASIC:
+            return float(line["seconds"]) - float(lines[0]["seconds"])
+    return None
+
+
+def _times(rows: Sequence[compare.Row]) -> str:
+    """Wall time of each row, and time to the paper's PPO-I."""
+    header = ["agent", "episodes", "decisions", "training, s (median)", f"s to {PAPER_BASIC:.1f} on basic (median)"]
+    cells = []
+    for row in rows:
+        last = [logs.read(seed.path)[-1] for seed in row.seeds]
+        reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == OFFICIAL_FPS else [None]
+        known = [seconds for seconds in reached if seconds is not None]
+        to_paper = f"{np.median(known):.1f} ({len(known)} of {len(reached)} seeds)" if known else "-"
+        middle = [float(np.median([float(line[name]) for line in last])) for name in ("episodes", "decisions")]
+        wall = f"{np.median([float(line['seconds']) for line in last]):.0f}"
+        cells.append([row.name, *(f"{value:,.0f}" for value in middle), wall, to_paper])
+    return markdown_table(header, cells)
