@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks import agents
+from benchmarks.learning import agents, agents_document
+from benchmarks.learning import rows as tables
 from iphyre_jax.cli import main as cli
 from iphyre_jax.cli import train as train_commands
 from iphyre_jax.train import collect, loop, trainer
@@ -319,20 +320,20 @@ def test_paper_numbers_agree_with_their_table() -> None:
 
 
 def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: Path) -> None:
-    table = agents.rows()
+    table = tables.rows()
     assert len(table) == 14  # the paper's twelve, and two of our own
-    of_paper = agents.rows("paper")
+    of_paper = tables.rows("paper")
     assert [f"{name}-paper" for name in list(table)[:12]] == list(of_paper)
     for config in (*table.values(), *of_paper.values()):
         config.check()
-    text = agents.document([compare.read(finished.folder)], ["ppo-i seed 1"], tmp_path, "results")
+    text = agents_document.document([compare.read(finished.folder)], ["ppo-i seed 1"], tmp_path, "results")
     for part in ("Still missing: ppo-i seed 1.", "## 10 fps", "PPO-I quick", "paper: PPO-I", "### Time", "jaxlib"):
         assert part in text
     assert "## 60 fps" not in text
     names = sorted(entry.name for entry in tmp_path.iterdir())
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
-    assert agents.seconds_to_paper(run) is None  # three updates of sixteen episodes
+    assert agents_document.seconds_to_paper(run) is None  # three updates of sixteen episodes
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
         agents.run_row(tmp_path / "other", tmp_path / "none", table["ppo-i"], QUIET)
@@ -340,11 +341,12 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
 
 def test_a_published_run_is_not_trained_again(finished: loop.TrainingResult, tmp_path: Path) -> None:
     published = tmp_path / "published"
-    assert agents.run_row(finished.folder, published, TINY, QUIET)  # evaluated already: it is only published
+    assert not agents.is_published(published, TINY)
+    agents.run_row(finished.folder, published, TINY, QUIET)  # evaluated already: it is only published
     assert {file.name for file in published.iterdir()} == {"config.json", "metrics.csv", "evaluation.json"}
-    assert not agents.run_row(tmp_path / "nothing", published, TINY, QUIET)
+    assert agents.is_published(published, TINY)
     assert compare.read(published).games == compare.read(finished.folder).games
-    text = agents.document([compare.read(published)], [], tmp_path, "results")
+    text = agents_document.document([compare.read(published)], [], tmp_path, "results")
     assert "PPO-I quick" in text
     assert not agents.is_published(published, replace(TINY, updates=TINY.updates + 1))  # out of date
 
