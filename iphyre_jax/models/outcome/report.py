@@ -24,6 +24,7 @@ TITLES: Final = {
     "compositional": "compositional",
     "multi_ball": "multi-ball",
 }
+COLOURS: Final = 10  # of matplotlib's cycle; what comes after them is dotted
 # Accuracy, %, of the paper's single run of each, on the plays that it learned from and on its three test splits.
 PAPER: Final = {
     "paper: Global Fusion": (87.5, 59.8, 57.0, 56.7),
@@ -131,7 +132,7 @@ def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], c
     for k, column in enumerate(columns):
         axes = figure.add_subplot(1, len(columns), k + 1)
         axes.plot([0, 1], [0, 1], color="black", linewidth=0.8, linestyle="--")
-        for name, evaluation in evaluations.items():
+        for number, (name, evaluation) in enumerate(evaluations.items()):
             if column in evaluation["columns"] and evaluation.get("parameters"):
                 bins = evaluation["columns"][column]["reliability"]
                 points = [
@@ -139,7 +140,8 @@ def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], c
                     for chance, share in zip(bins["chance"], bins["solved"], strict=True)
                     if chance is not None
                 ]
-                axes.plot(*zip(*points, strict=True), marker="o", markersize=3, linewidth=1, label=name)
+                colour, line = f"C{number % COLOURS}", "-" if number < COLOURS else ":"  # no two models look alike
+                axes.plot(*zip(*points, strict=True), line, color=colour, marker="o", ms=3, lw=1, label=name)
         axes.set(title=TITLES[column], xlabel="judged chance", ylabel="share that solves", xlim=(0, 1), ylim=(0, 1))
         axes.grid(alpha=0.3)
     handles, labels = figure.axes[0].get_legend_handles_labels()
