@@ -24,7 +24,7 @@ TITLES: Final = {
     "compositional": "compositional",
     "multi_ball": "multi-ball",
 }
-COLOURS: Final = 10  # of matplotlib's cycle; what comes after them is dotted
+COLOURS: Final = 10  # of matplotlib's cycle, which then begins again
 # Accuracy, %, of the paper's single run of each, on the plays that it learned from and on its three test splits.
 PAPER: Final = {
     "paper: Global Fusion": (87.5, 59.8, 57.0, 56.7),
@@ -140,8 +140,8 @@ def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], c
                     for chance, share in zip(bins["chance"], bins["solved"], strict=True)
                     if chance is not None
                 ]
-                colour, line = f"C{number % COLOURS}", "-" if number < COLOURS else ":"  # no two models look alike
-                axes.plot(*zip(*points, strict=True), line, color=colour, marker="o", ms=3, lw=1, label=name)
+                line = "-" if number < COLOURS else ":"  # so that no two models look alike
+                axes.plot(*zip(*points, strict=True), line, color=f"C{number}", marker="o", ms=3, lw=1, label=name)
         axes.set(title=TITLES[column], xlabel="judged chance", ylabel="share that solves", xlim=(0, 1), ylim=(0, 1))
         axes.grid(alpha=0.3)
     handles, labels = figure.axes[0].get_legend_handles_labels()

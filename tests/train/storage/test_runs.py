@@ -339,14 +339,20 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
         agents.run_row(tmp_path / "other", tmp_path / "none", table["ppo-i"], QUIET)
 
 
-def test_a_published_run_is_not_trained_again(finished: loop.TrainingResult, tmp_path: Path) -> None:
-    published = tmp_path / "published"
+def test_a_published_run_is_not_trained_again(
+    finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = agents.Arguments(root=tmp_path / "nothing", out=tmp_path / "out", seeds=1)
+    published = arguments.published / "tiny" / "seed-0"
     assert not agents.is_published(published, TINY)
     agents.run_row(finished.folder, published, TINY, QUIET)  # evaluated already: it is only published
     assert {file.name for file in published.iterdir()} == {"config.json", "metrics.csv", "evaluation.json"}
     assert agents.is_published(published, TINY)
+    monkeypatch.setattr(agents, "rows", lambda _: {"tiny": TINY})
+    agents.main(arguments)
+    assert not arguments.root.exists()
     assert compare.read(published).games == compare.read(finished.folder).games
-    text = agents_document.document([compare.read(published)], [], tmp_path, "results")
+    text = (arguments.out / "results.md").read_text()
     assert "PPO-I quick" in text
     assert not agents.is_published(published, replace(TINY, updates=TINY.updates + 1))  # out of date
 
