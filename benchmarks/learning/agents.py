@@ -29,7 +29,8 @@ from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
-from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig
+from iphyre_jax.train.settings.checks import PERFECT, ZEROS
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState

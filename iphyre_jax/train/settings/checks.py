@@ -1,0 +1,154 @@
+"""Which settings of a training run can work; `TrainConfig.check` asks here."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, get_args
+
+from iphyre_jax.checks import MAX_RESETS, show, whole_fps
+from iphyre_jax.envs.strategies import StrategyName
+from iphyre_jax.scenes import SPLITS, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
+from iphyre_jax.train.settings.agents import AdvantageScope, AgentName, HeadName, PolicyGradient
+from iphyre_jax.train.settings.presets import AGENTS, PresetName
+
+if TYPE_CHECKING:
+    from iphyre_jax.train.settings.run import TrainConfig
+
+ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
+MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
+MAX_COUNT: Final = 10**8  # of a learner's whole numbers
+
+_CHOICES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "agent": get_args(AgentName),
+        "strategy": get_args(StrategyName),
+        "preset": get_args(PresetName),
+        "split": tuple(SPLITS),
+        "curriculum": ("learnability", "uniform"),
+        "dtype": ("float32", "float64"),
+        "observation": ("official", "motion"),
+        "head": get_args(HeadName),
+        "network": ("mlp", "objects"),
+        "activation": ("tanh", "relu"),
+    }
+)
+_MOST: Final[Mapping[str, int]] = MappingProxyType(
+    {
+        "updates": 2**31 - 1,  # as a checkpoint counts them
+        "checkpoint_seconds": 10**9,
+        "episodes_per_scene": 10**6,
+        "sampled_episodes": 10**6,
+        "greedy_every": 2**31 - 1,
+        "variations": 10**6,
+        "pool_scenes": 10**6,
+        "added_blocks": 64,
+    }
+)
+
+
+def check_config(config: TrainConfig) -> None:
+    """Refuse settings that cannot work: ValueError, one line naming the field and what was expected."""
+    _check_choices(config)
+    _check_games(config)
+    for name in ("resets", "updates", "sampled_episodes", "greedy_every"):
+        _require(config, name, getattr(config, name) >= 1, "at least 1")
+    for name in ("variations", "added_blocks"):
+        _require(config, name, getattr(config, name) >= 0, "a number not below 0")
+    _require(config, "resets", config.resets <= MAX_RESETS, f"at most {MAX_RESETS}")
+    _require(config, "episodes_per_scene", config.episodes_per_scene >= 2, "at least 2")
+    _require(config, "seed", 0 <= config.seed < 2**31, "from 0 to 2**31 - 1")
+    widths = len(config.hidden_sizes) > 0 and min(config.hidden_sizes) >= 1
+    _require(config, "hidden_sizes", widths, "at least one positive width")
+    for name, most in _MOST.items():
+        _require(config, name, getattr(config, name) <= most, f"at most {most}")
+    depth = len(config.hidden_sizes) <= MAX_LAYERS and max(config.hidden_sizes) <= MAX_WIDTH
+    _require(config, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
+    _require(config, "checkpoint_seconds", 0 <= config.checkpoint_seconds < float("inf"), "a number not below 0")
+    _check_pool(config)
+    _check_prediction(config)
+    _check_learner(config)
+
+
+def _require(record: object, name: str, holds: bool, expected: str) -> None:
+    """Raise the one-line error of a field unless its condition holds."""
+    if not holds:
+        raise ValueError(f"{name}: expected {expected}, got {show(getattr(record, name))}")
+
+
+def _check_choices(config: TrainConfig) -> None:
+    """Refuse names that do not exist, or not together."""
+    for name, known in _CHOICES.items():
+        _require(config, name, getattr(config, name) in known, f"one of {', '.join(known)}")
+    spec = AGENTS[config.agent]
+    possible = config.strategy in spec.strategies
+    _require(config, "strategy", possible, f"{' or '.join(spec.strategies)} with agent {config.agent}")
+    heads = spec.heads(config.strategy)
+    _require(config, "head", config.head in heads, f"{' or '.join(heads)} with {config.agent} {config.strategy}")
+    gradient = issubclass(spec.settings, PolicyGradient)
+    _require(config, "network", gradient or config.network == "mlp", "mlp unless with ppo or a2c")
+    if config.strategy != "in-advance":
+        _require(config, "dtype", config.dtype == "float32", "float32 unless in advance")
+        _require(config, "variations", config.variations == 0, "0 unless in advance")
+    else:
+        _require(config, "observation", config.observation == "official", "official in advance: nothing moves yet")
+
+
+def _check_games(config: TrainConfig) -> None:
+    """Refuse games that do not exist, scene files that are not valid and rates that do not fit."""
+    known = {game for games in SPLITS.values() for game in games}
+    for game in set(config.games) - known:
+        if not Path(game).is_file():
+            raise ValueError(f"games: expected names of games of the package or scene files, got {show(game)}")
+        if load_scene(game).limits != OFFICIAL:
+            raise ValueError(
+                f"games: expected scenes without limits of their own, for the networks' sizes, got {game!r}"
+            )
+    if whole_fps(config.fps) % 10:
+        raise ValueError(f"fps: expected a multiple of 10, got {config.fps}")
+
+
+def _check_pool(config: TrainConfig) -> None:
+    """Refuse a pool that cannot be; its file is looked at when a run starts."""
+    if config.strategy != "in-advance" or not config.scene_pool:
+        _require(config, "scene_pool", not config.scene_pool, "none unless in advance")
+        _require(config, "pool_sha256", not config.pool_sha256, "none without a scene_pool")
+    _require(config, "pool_scenes", config.pool_scenes >= 1, "at least 1")
+    _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
+
+
+def _check_prediction(config: TrainConfig) -> None:
+    """Refuse a prediction that cannot be; its world model is looked at when a run starts."""
+    if not config.prediction:
+        _require(config, "prediction_sha256", not config.prediction_sha256, "none without a prediction")
+        return
+    _require(config, "prediction", config.strategy != "in-advance", "none in advance: nothing moves yet")
+    _require(config, "network", config.network == "mlp", "mlp with a prediction")
+    by_model = config.prediction not in (ZEROS, PERFECT)
+    _require(config, "fps", not by_model or config.fps == 60, "60 with a world model, which learned at that rate")
+
+
+def _check_learner(config: TrainConfig) -> None:
+    """Refuse settings of the algorithm that cannot work."""
+    learner, known = config.learner, AGENTS[config.agent].settings
+    if type(learner) is not known:
+        raise ValueError(f"learner: expected settings of {config.agent}, got {type(learner).__name__}")
+    for entry in dataclasses.fields(learner):
+        value = getattr(learner, entry.name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        positive, least = "positive" in entry.metadata, entry.metadata.get("least", 0)
+        finite = least <= value < float("inf") and (value > 0 or not positive)
+        _require(learner, entry.name, finite, "a positive number" if positive else f"a number not below {least}")
+        _require(learner, entry.name, isinstance(value, float) or value <= MAX_COUNT, f"at most {MAX_COUNT}")
+    if isinstance(learner, PolicyGradient):
+        scopes = get_args(AdvantageScope)
+        _require(learner, "normalize_advantage", learner.normalize_advantage in scopes, "scene, batch or none")
+        if config.strategy != "in-advance" and not learner.samples_per_update:
+            raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
+        samples = learner.samples_per_update or config.episodes_per_update
+        divides = samples % learner.minibatches == 0
+        _require(learner, "minibatches", divides, f"a divisor of {samples} decisions an update")
