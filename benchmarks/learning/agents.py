@@ -29,7 +29,6 @@ from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
-from iphyre_jax.train.settings.checks import PERFECT, ZEROS
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import runs
 from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
@@ -121,7 +120,7 @@ def is_published(folder: Path, config: TrainConfig) -> bool:
 
 def _changed_model(config: TrainConfig) -> bool:
     """Whether the world model of a run is there, and is another one now."""
-    if config.prediction in ("", ZEROS, PERFECT) or not Path(config.prediction).is_dir():
+    if not config.world_model or not Path(config.prediction).is_dir():
         return False
     return with_prediction_sum(replace(config, prediction_sha256="")) != config
 

@@ -10,9 +10,8 @@ from typing import Any, Final, Literal
 
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.train.settings.agents import PPO, AgentName
-from iphyre_jax.train.settings.checks import PERFECT, ZEROS
 from iphyre_jax.train.settings.presets import AGENTS
-from iphyre_jax.train.settings.run import TrainConfig, preset
+from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig, preset
 
 TableName = Literal["default", "paper", "controllers"]
 CONTROLLERS: Final[tuple[AgentName, ...]] = ("ppo", "a2c", "sac")

@@ -22,8 +22,7 @@ from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.strategies import OnTheFly
 from iphyre_jax.observations.features import ROWS_SIZE
 from iphyre_jax.scenes import Scene
-from iphyre_jax.train.settings.checks import PERFECT, ZEROS
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig
 
 
 class Prediction(Protocol):

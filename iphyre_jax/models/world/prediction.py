@@ -25,7 +25,7 @@ from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
 from iphyre_jax.train.observations import parts
 from iphyre_jax.train.predictions import NamedPrediction, offer_world_models
-from iphyre_jax.train.settings.checks import PERFECT, ZEROS
+from iphyre_jax.train.settings.run import PERFECT, ZEROS
 from iphyre_jax.train.storage.manifest import sum_of
 
 MOST_WORLDS = 2048  # predicted at once: the pairs of so many take some 100 MB

@@ -6,36 +6,20 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, get_args
+from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type_hints
 
-from iphyre_jax.checks import MAX_RESETS, show, whole_fps
-from iphyre_jax.envs.strategies import StrategyName
+from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
-from iphyre_jax.train.settings.agents import AdvantageScope, AgentName, HeadName, PolicyGradient
-from iphyre_jax.train.settings.presets import AGENTS, PresetName
+from iphyre_jax.train.settings.agents import AdvantageScope, PolicyGradient
+from iphyre_jax.train.settings.presets import AGENTS
 
 if TYPE_CHECKING:
     from iphyre_jax.train.settings.run import TrainConfig
 
-ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
 MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
 MAX_COUNT: Final = 10**8  # of a learner's whole numbers
 
-_CHOICES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "agent": get_args(AgentName),
-        "strategy": get_args(StrategyName),
-        "preset": get_args(PresetName),
-        "split": tuple(SPLITS),
-        "curriculum": ("learnability", "uniform"),
-        "dtype": ("float32", "float64"),
-        "observation": ("official", "motion"),
-        "head": get_args(HeadName),
-        "network": ("mlp", "objects"),
-        "activation": ("tanh", "relu"),
-    }
-)
 _MOST: Final[Mapping[str, int]] = MappingProxyType(
     {
         "updates": 2**31 - 1,  # as a checkpoint counts them
@@ -81,8 +65,10 @@ def _require(record: object, name: str, holds: bool, expected: str) -> None:
 
 def _check_choices(config: TrainConfig) -> None:
     """Refuse names that do not exist, or not together."""
-    for name, known in _CHOICES.items():
-        _require(config, name, getattr(config, name) in known, f"one of {', '.join(known)}")
+    check_option("split", config.split, tuple(SPLITS))
+    for name, kind in get_type_hints(type(config)).items():
+        if get_origin(kind) is Literal:
+            check_option(name, getattr(config, name), get_args(kind))
     spec = AGENTS[config.agent]
     possible = config.strategy in spec.strategies
     _require(config, "strategy", possible, f"{' or '.join(spec.strategies)} with agent {config.agent}")
@@ -127,8 +113,8 @@ def _check_prediction(config: TrainConfig) -> None:
         return
     _require(config, "prediction", config.strategy != "in-advance", "none in advance: nothing moves yet")
     _require(config, "network", config.network == "mlp", "mlp with a prediction")
-    by_model = config.prediction not in (ZEROS, PERFECT)
-    _require(config, "fps", not by_model or config.fps == 60, "60 with a world model, which learned at that rate")
+    fits = config.fps == 60 or not config.world_model
+    _require(config, "fps", fits, "60 with a world model, which learned at that rate")
 
 
 def _check_learner(config: TrainConfig) -> None:

@@ -14,6 +14,7 @@ from iphyre_jax.train.settings.agents import PPO, AgentName, HeadName, Settings
 from iphyre_jax.train.settings.checks import check_config
 from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
+ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
 Dtype = Literal["float32", "float64"]
 STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O", "combined": "C"})
 
@@ -141,6 +142,11 @@ class TrainConfig:
     def episodes_per_update(self) -> int:
         """Episodes played in an update."""
         return len(self.training_games) * self.episodes_per_scene
+
+    @property
+    def world_model(self) -> str:
+        """The world model that predicts: its name in the package, or its run folder; "" if none does."""
+        return "" if self.prediction in (ZEROS, PERFECT) else self.prediction
 
     @property
     def paper_name(self) -> str:
