@@ -44,6 +44,7 @@ from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import rollout_collector
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
+from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
@@ -51,6 +52,7 @@ from iphyre_jax.train.storage.pretrained import load_pretrained
 SCENES: Final = 20_000  # of the pool's file, seed 0
 TRAINED_ON: Final = 19_000  # the first ones; the others are held out
 MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
+EVERY: Final = 64  # topologies at most; the generator knows fewer
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
@@ -89,7 +91,8 @@ class Arguments:
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
     """The rows of a rate by name: the default preset, and what differs from it in one thing.
 
-    A larger pool takes more updates. The scenes that ship are the first ones of the pool.
+    A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
+    minibatches are of whole scenes. The scenes that ship are the first ones of the pool.
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
     large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
@@ -99,6 +102,13 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
             "variations": replace(base, scene_pool=""),
             "generated": replace(base, variations=0, pool_share=1.0),
             "large-pool": replace(large, updates=2 * base.updates),
+            "large-batch": replace(
+                large,
+                updates=240,
+                episodes_per_scene=2 * base.episodes_per_scene,
+                pool_topologies=EVERY,
+                learner=PPO(learning_rate=6e-4, epochs=3, kl_coef=0.2, minibatch_of="scenes"),
+            ),
             "small-pool": replace(base, pool_scenes=FEWER),
             "uniform": replace(base, curriculum="uniform"),
             "small-network": replace(base, hidden_sizes=(64, 64)),

@@ -2,7 +2,7 @@
 
 Scenes are drawn in proportion to what can be learned from them, p (1 - p) for a scene that the policy solves with
 probability p, and a share of those that it has never played, as in prioritised level replay (Jiang et al. 2021). An
-update's scenes come from few topologies, so that the groups of worlds that play side by side stay full.
+update's scenes come from few topologies if the settings say so: groups of worlds that play side by side then stay full.
 
 Shapes: N scenes of the pool, n of them in an update.
 """
@@ -21,7 +21,6 @@ from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage.manifest import sum_of
 
-TOPOLOGIES: Final = 4  # of the scenes of an update, at most
 UNSEEN: Final = 0.3  # of the draws go to scenes never played, as long as there are any
 FLOOR: Final = 0.02  # added to p (1 - p), so that no scene is given up
 PACE: Final = 0.5  # of the way that the running success goes to that of the last episodes
@@ -117,7 +116,7 @@ def draw_scenes(pool: ScenePool, curriculum: Curriculum, count: int, config: Tra
     rng = np.random.default_rng([config.seed, update, STREAM])
     weights = scene_weights(curriculum, learnability=config.curriculum == "learnability")
     mass = np.bincount(pool.kind, weights)
-    kinds = rng.choice(len(mass), min(TOPOLOGIES, len(mass)), replace=False, p=mass / mass.sum())
+    kinds = rng.choice(len(mass), min(config.pool_topologies, len(mass)), replace=False, p=mass / mass.sum())
     weights = np.where(np.isin(pool.kind, kinds), weights, 0.0)
     scarce = np.count_nonzero(weights) < count
     return np.asarray(rng.choice(len(weights), count, replace=bool(scarce), p=weights / weights.sum()))

@@ -12,7 +12,6 @@ import numpy as np
 from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene, vary
 from iphyre_jax.train.settings.run import TrainConfig
 
-GROUP: Final = 32  # episodes of one variation, which are compared with one another
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by
 TRIES: Final = 200  # draws of a variation at most; angle has the fewest valid ones, one in 100
 STREAM: Final = 7919  # added to the seed, so that variations draw other numbers than anything else
@@ -20,10 +19,7 @@ STREAM: Final = 7919  # added to the seed, so that variations draw other numbers
 
 def groups_of(config: TrainConfig) -> tuple[int, int]:
     """How many groups of episodes each game has in an update, and how many of them it leaves to the pool's scenes."""
-    if not (config.variations or config.scene_pool):
-        return 1, 0
-    groups = max(1, config.episodes_per_scene // GROUP)
-    return groups, max(1, round(config.pool_share * groups)) if config.scene_pool else 0
+    return config.groups, max(1, round(config.pool_share * config.groups)) if config.scene_pool else 0
 
 
 def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Scene], int]:

@@ -18,6 +18,7 @@ DIFFER = {
     "variations": {"scene_pool"},
     "generated": {"variations", "pool_share"},
     "large-pool": {"scene_pool", "pool_scenes", "updates"},
+    "large-batch": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
     "small-pool": {"pool_scenes"},
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},

@@ -17,9 +17,9 @@ from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train import collect, loop, pool, trainer
 from iphyre_jax.train.pool import Curriculum, ScenePool, draw_scenes, open_pool, recorded, scene_weights
-from iphyre_jax.train.scenes import GROUP, groups_of, training_scenes
+from iphyre_jax.train.scenes import groups_of, training_scenes
 from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.run import GROUP, TrainConfig
 from iphyre_jax.train.storage import logs, manifest, runs
 from tests.train.storage.test_runs import assert_same_tree
 
@@ -133,7 +133,9 @@ def test_an_update_has_few_topologies_and_no_scene_twice() -> None:
     new = Curriculum(np.zeros(60, np.float32), np.zeros(60, np.int32))
     drawn = draw_scenes(many, new, 20, TrainConfig(), 1)
     assert len(set(drawn.tolist())) == 20
-    assert len(set(kinds[drawn].tolist())) == pool.TOPOLOGIES
+    assert len(set(kinds[drawn].tolist())) == TrainConfig.pool_topologies
+    every = draw_scenes(many, new, 20, TrainConfig(pool_topologies=6), 1)
+    assert len(set(kinds[every].tolist())) == 6
     assert drawn.tolist() == draw_scenes(many, new, 20, TrainConfig(), 1).tolist()
     assert drawn.tolist() != draw_scenes(many, new, 20, TrainConfig(), 2).tolist()
     assert len(draw_scenes(many, new, 50, TrainConfig(), 1)) == 50  # more than four topologies hold

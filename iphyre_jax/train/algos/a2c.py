@@ -38,7 +38,7 @@ class A2CAlgorithm(ActorCritic[A2C]):
         """See `Algorithm`; metrics are means over the minibatches."""
         obs, batch = self.batch(trajectory, num_scenes)
         ent_coef = self.entropy_weight(state.num_updates)
-        step = partial(self.gradient_step, lambda params, part: self.loss(params, obs, part, ent_coef))
+        step = partial(self.gradient_step, partial(self.loss, ent_coef=ent_coef), obs)
         start = state.params, state.opt_state
-        (params, opt_state), metrics = jax.lax.scan(step, start, self.minibatches(batch, key))
+        (params, opt_state), metrics = jax.lax.scan(step, start, self.minibatches(batch, key, num_scenes))
         return State(params, opt_state, state.num_updates + 1), jax.tree.map(jnp.mean, metrics)

@@ -47,6 +47,13 @@ class Batch(NamedTuple):
     weight: jax.Array  # (N,) 1, or 0 for a decision after the end of its episode
 
 
+class Minibatch(NamedTuple):
+    """What a gradient step learns from."""
+
+    decisions: Batch  # their rows point into `obs_rows`
+    obs_rows: Any = None  # (r,) int32, the observations that they are about; None for all
+
+
 class ActorCritic(Algorithm[S]):
     """A policy gradient."""
 
@@ -158,17 +165,29 @@ class ActorCritic(Algorithm[S]):
         return log_prob, spread(self.head.entropy(distribution, mask)), spread(self.value(params, obs))
 
     def gradient_step(
-        self, loss: Callable[[Params, Batch], tuple[jax.Array, Metrics]], carry: Carry, minibatch: Batch
+        self,
+        loss: Callable[[Params, jax.Array, Batch], tuple[jax.Array, Metrics]],
+        obs: jax.Array,
+        carry: Carry,
+        minibatch: Minibatch,
     ) -> tuple[Carry, Metrics]:
         """One gradient step on the loss of a minibatch; what `loss` reports, and the gradient's norm."""
         params, opt_state = carry
-        gradient, metrics = jax.grad(loss, has_aux=True)(params, minibatch)
+        seen = obs if minibatch.obs_rows is None else obs[minibatch.obs_rows]
+        gradient, metrics = jax.grad(loss, has_aux=True)(params, seen, minibatch.decisions)
         metrics["grad_norm"] = global_norm(gradient)
         return descend(self.optimizer, gradient, params, opt_state), metrics
 
-    def minibatches(self, batch: Batch, key: jax.Array) -> Batch:
-        """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first."""
+    def minibatches(self, batch: Batch, key: jax.Array, num_scenes: int) -> Minibatch:
+        """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first; or scene by scene."""
         count = batch.weight.shape[0]
+        if self.settings.minibatch_of == "scenes":
+            scenes = jax.random.permutation(key, num_scenes).reshape(self.settings.minibatches, -1)
+            of_scene = jnp.arange(count).reshape(num_scenes, -1)[scenes]  # (minibatches, scenes, episodes)
+            parts = of_scene.reshape(self.settings.minibatches, -1)
+            row = jnp.repeat(jnp.arange(scenes.shape[1], dtype=jnp.int32), of_scene.shape[2])
+            decisions = jax.tree.map(lambda leaf: leaf[parts], batch)
+            return Minibatch(decisions._replace(row=jnp.broadcast_to(row, parts.shape)), scenes)
         samples = min(self.settings.samples_per_update or count, count)
         if samples == count:
             order = jax.random.permutation(key, count)
@@ -176,7 +195,7 @@ class ActorCritic(Algorithm[S]):
             order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - batch.weight))[:samples]
             order = jax.random.permutation(jax.random.fold_in(key, 1), order)  # inactive ones fall anywhere
         parts = order.reshape(self.settings.minibatches, -1)
-        return jax.tree.map(lambda leaf: leaf[parts], batch)
+        return Minibatch(jax.tree.map(lambda leaf: leaf[parts], batch))
 
 
 def _same(values: jax.Array) -> jax.Array:

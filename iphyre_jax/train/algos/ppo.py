@@ -70,10 +70,11 @@ class PPOAlgorithm(ActorCritic[PPO]):
         """See `Algorithm`; metrics are means over the minibatches."""
         obs, batch = self.batch(trajectory, num_scenes)
         ent_coef = self.entropy_weight(state.num_updates)
-        step = partial(self.gradient_step, lambda params, part: self.loss(params, obs, part, ent_coef, state.kl_coef))
+        loss = partial(self.loss, ent_coef=ent_coef, kl_coef=state.kl_coef)
+        step = partial(self.gradient_step, loss, obs)
 
         def epoch(carry: Carry, key: jax.Array) -> tuple[Carry, Metrics]:
-            return jax.lax.scan(step, carry, self.minibatches(batch, key))
+            return jax.lax.scan(step, carry, self.minibatches(batch, key, num_scenes))
 
         keys = jax.random.split(key, self.epochs)
         (params, opt_state), metrics = jax.lax.scan(epoch, (state.params, state.opt_state), keys)

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal
 AgentName = Literal["ppo", "a2c", "sac", "ddpg", "dqn", "random"]
 HeadName = Literal["time_grid", "gaussian", "tanh_normal", "deterministic", "categorical", "uniform"]
 AdvantageScope = Literal["scene", "batch", "none"]
+MinibatchOf = Literal["decisions", "scenes"]
 
 _AT_LEAST_1: Final = MappingProxyType({"least": 1})
 _POSITIVE: Final = MappingProxyType({"positive": True})
@@ -39,7 +40,10 @@ class PolicyGradient:
     max_grad_norm: float = _positive(1.0)
     """Largest global norm of a gradient; longer ones are scaled down."""
     minibatches: int = _count(4)
-    """Gradient steps in each pass over the decisions. Must divide their number."""
+    """Gradient steps in each pass over the decisions. Must divide their number, or that of the scenes."""
+    minibatch_of: MinibatchOf = "decisions"
+    """What a minibatch is made of: decisions, drawn from all scenes; or whole scenes (in advance only), which costs
+    less, since the networks see each scene once in a pass."""
     samples_per_update: int = 0
     """Decisions of an update to learn from, drawn anew for each pass; 0 for all."""
     ent_coef: float = 0.01

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
-from iphyre_jax.train.settings.agents import AdvantageScope, PolicyGradient
+from iphyre_jax.train.settings.agents import AdvantageScope, MinibatchOf, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ _MOST: Final[Mapping[str, int]] = MappingProxyType(
         "greedy_every": 2**31 - 1,
         "variations": 10**6,
         "pool_scenes": 10**6,
+        "pool_topologies": 10**6,
         "added_blocks": 64,
     }
 )
@@ -102,7 +103,8 @@ def _check_pool(config: TrainConfig) -> None:
     if config.strategy != "in-advance" or not config.scene_pool:
         _require(config, "scene_pool", not config.scene_pool, "none unless in advance")
         _require(config, "pool_sha256", not config.pool_sha256, "none without a scene_pool")
-    _require(config, "pool_scenes", config.pool_scenes >= 1, "at least 1")
+    for name in ("pool_scenes", "pool_topologies"):
+        _require(config, name, getattr(config, name) >= 1, "at least 1")
     _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
 
 
@@ -135,6 +137,15 @@ def _check_learner(config: TrainConfig) -> None:
         _require(learner, "normalize_advantage", learner.normalize_advantage in scopes, "scene, batch or none")
         if config.strategy != "in-advance" and not learner.samples_per_update:
             raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
-        samples = learner.samples_per_update or config.episodes_per_update
-        divides = samples % learner.minibatches == 0
-        _require(learner, "minibatches", divides, f"a divisor of {samples} decisions an update")
+        _check_minibatches(config, learner)
+
+
+def _check_minibatches(config: TrainConfig, learner: PolicyGradient) -> None:
+    """Refuse minibatches that are not of one size, or of scenes where there are none."""
+    check_option("minibatch_of", learner.minibatch_of, get_args(MinibatchOf))
+    count, unit = learner.samples_per_update or config.episodes_per_update, "decisions"
+    if learner.minibatch_of == "scenes":
+        in_advance = config.strategy == "in-advance" and not learner.samples_per_update
+        _require(learner, "minibatch_of", in_advance, "decisions unless in advance without samples_per_update")
+        count, unit = len(config.training_games) * config.groups, "scenes"
+    _require(learner, "minibatches", count % learner.minibatches == 0, f"a divisor of {count} {unit} an update")

@@ -16,6 +16,7 @@ from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
 ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
 Dtype = Literal["float32", "float64"]
+GROUP: Final = 32  # episodes of one scene in an update, which are compared with one another
 STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O", "combined": "C"})
 
 
@@ -65,6 +66,10 @@ class TrainConfig:
     curriculum: Literal["learnability", "uniform"] = "learnability"
     """How scenes of the pool are drawn: in proportion to p (1 - p), where the policy solves a share p of episodes, and
     some that it never played; or all alike."""
+
+    pool_topologies: int = 4
+    """The scenes that the pool gives to an update have at most so many topologies. With few episodes in an update, few
+    topologies keep the groups of worlds that play side by side full; with many, all of them make it learn better."""
 
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
@@ -142,6 +147,11 @@ class TrainConfig:
     def episodes_per_update(self) -> int:
         """Episodes played in an update."""
         return len(self.training_games) * self.episodes_per_scene
+
+    @property
+    def groups(self) -> int:
+        """Groups of episodes of each game in an update, one scene each; 1 if only the games are played."""
+        return max(1, self.episodes_per_scene // GROUP) if self.variations or self.scene_pool else 1
 
     @property
     def world_model(self) -> str:

@@ -219,6 +219,31 @@ def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
+def test_minibatches_of_scenes_hold_every_decision_once_with_its_own_observation() -> None:
+    """Six scenes of three plans in two minibatches; the loss is that of the same decisions with all observations."""
+    learner = PPO(minibatches=2, minibatch_of="scenes")
+    config = dataclasses.replace(planner("ppo time_grid"), learner=learner)
+    agent, state = ppo_of(config), first_state(config, jax.random.key(0))
+    obs = jnp.asarray(observations(config, Probe(("support", "hole", "spring"), 1, early_or_late))[0])
+    obs, row = jnp.concatenate([obs, 0.5 * obs]), jnp.repeat(jnp.arange(6, dtype=jnp.int32), 3)
+    output = agent.sample_action(state, jax.random.key(1), obs, 3)
+    batch = Batch(row, output.raw_action, output.log_prob, jnp.arange(18.0), jnp.zeros(18), jnp.ones(18))
+    both = agent.minibatches(batch, jax.random.key(2), 6)
+    assert sorted(both.obs_rows.flatten().tolist()) == list(range(6))
+    assert sorted(both.decisions.advantage.flatten().tolist()) == list(range(18))
+    for k in range(2):
+        scenes, decisions = both.obs_rows[k], jax.tree.map(lambda leaf, k=k: leaf[k], both.decisions)
+        which = decisions.advantage.astype(int)
+        np.testing.assert_array_equal(scenes[decisions.row], row[which])
+        np.testing.assert_array_equal(decisions.raw_action, output.raw_action[which])
+        few, _ = agent.loss(state.params, obs[scenes], decisions, jnp.float32(0.5), jnp.zeros(()))
+        whole = decisions._replace(row=row[which])
+        many, _ = agent.loss(state.params, obs, whole, jnp.float32(0.0), jnp.zeros(()))
+        alone, _ = agent.loss(state.params, obs[scenes], decisions, jnp.float32(0.0), jnp.zeros(()))
+        np.testing.assert_allclose(alone, many, rtol=1e-5)
+        assert float(few) != float(alone)  # the entropy counts too
+
+
 def test_the_weight_of_the_divergence_adapts() -> None:
     agent = PPOAlgorithm(TrainConfig(), PPO(kl_coef=0.2, kl_target=0.01))
     far, near, right = (float(agent.adapted(jnp.float32(0.2), jnp.float32(kl))) for kl in (0.03, 0.004, 0.01))

@@ -60,6 +60,19 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"learner": PPO(minibatches=7)},
         "minibatches: expected a divisor of 1280 decisions an update, got 7",
     ),
+    "minibatches of scenes": (
+        {"learner": PPO(minibatches=4, minibatch_of="scenes")},
+        "minibatches: expected a divisor of 10 scenes an update, got 4",
+    ),
+    "minibatch of what": (
+        {"learner": PPO(minibatch_of="games")},  # type: ignore[arg-type]
+        "minibatch_of: expected one of decisions, scenes",
+    ),
+    "scenes on the fly": (
+        FLY | {"learner": PPO(samples_per_update=64, minibatch_of="scenes")},
+        "minibatch_of: expected decisions unless in advance",
+    ),
+    "no topology": ({"pool_topologies": 0}, "pool_topologies: expected at least 1"),
 }
 
 
