@@ -179,7 +179,7 @@ class ActorCritic(Algorithm[S]):
         return descend(self.optimizer, gradient, params, opt_state), metrics
 
     def minibatches(self, batch: Batch, key: jax.Array, num_scenes: int) -> Minibatch:
-        """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first; or scene by scene."""
+        """One pass: (minibatches, N / minibatches, ...) decisions in random order, active ones first, or by scenes."""
         count = batch.weight.shape[0]
         if self.settings.minibatch_of == "scenes":
             scenes = jax.random.permutation(key, num_scenes).reshape(self.settings.minibatches, -1)
