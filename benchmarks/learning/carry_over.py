@@ -261,8 +261,12 @@ def _folder(root: Path, scenes: Evaluated, fps: int) -> Path:
 
 
 def _settings(config: TrainConfig, count: int = 1) -> dict[str, Any]:
-    """Settings of a row, as they come back from JSON: those of the first of its `count` runs."""
-    return {"settings": json.loads(json.dumps(config.to_json())), **({"members": count} if count > 1 else {})}
+    """Settings of a row, as they come back from JSON: those of the first of its `count` runs.
+
+    Of the pool's path only the name counts: its sum says what is in it, wherever `root` is.
+    """
+    named = replace(config, scene_pool=Path(config.scene_pool).name if config.scene_pool else "")
+    return {"settings": json.loads(json.dumps(named.to_json())), **({"members": count} if count > 1 else {})}
 
 
 def _count(state: State) -> int:

@@ -52,6 +52,13 @@ def test_rows_differ_in_one_thing(fps: int) -> None:
         assert differ == DIFFER[name]
 
 
+def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
+    here, there = (carry_over.rows(Path(root) / "pool.npz", 10)["large-pool"] for root in ("here", "there"))
+    assert here != there
+    assert carry_over._settings(here) == carry_over._settings(there)
+    assert carry_over._settings(here) != carry_over._settings(replace(there, pool_sha256="1"))
+
+
 def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
     plain = carry_over.rows(Path("pool.npz"), 10)["ensemble"]
     runs = [carry_over.members(Path(), 10, "ensemble", plain, seed) for seed in range(5)]
