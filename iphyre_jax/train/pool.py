@@ -2,7 +2,7 @@
 
 Scenes are drawn in proportion to what can be learned from them, p (1 - p) for a scene that the policy solves with
 probability p, and a share of those that it has never played, as in prioritised level replay (Jiang et al. 2021). An
-update's scenes come from few topologies if the settings say so: groups of worlds that play side by side then stay full.
+update's scenes come from at most `pool_topologies`: with few, the groups of worlds that play side by side stay full.
 
 Shapes: N scenes of the pool, n of them in an update.
 """

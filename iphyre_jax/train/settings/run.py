@@ -68,8 +68,8 @@ class TrainConfig:
     some that it never played; or all alike."""
 
     pool_topologies: int = 4
-    """The scenes that the pool gives to an update have at most so many topologies. With few episodes in an update, few
-    topologies keep the groups of worlds that play side by side full; with many, all of them make it learn better."""
+    """The scenes that the pool gives to an update have at most so many topologies. Few keep the groups of worlds that
+    play side by side full if an update has few episodes."""
 
     fps: int = OFFICIAL_FPS
     """Physics steps a second: 10 is the paper's learning protocol, 60 is what people played. A multiple of 10."""
