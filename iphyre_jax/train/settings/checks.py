@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
-from iphyre_jax.train.settings.agents import AdvantageScope, MinibatchOf, PolicyGradient
+from iphyre_jax.train.settings.agents import PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
 
 if TYPE_CHECKING:
@@ -64,12 +64,17 @@ def _require(record: object, name: str, holds: bool, expected: str) -> None:
         raise ValueError(f"{name}: expected {expected}, got {show(getattr(record, name))}")
 
 
+def _check_literals(record: object) -> None:
+    """Refuse a name that the type of its field does not list."""
+    for name, kind in get_type_hints(type(record)).items():
+        if get_origin(kind) is Literal:
+            check_option(name, getattr(record, name), get_args(kind))
+
+
 def _check_choices(config: TrainConfig) -> None:
     """Refuse names that do not exist, or not together."""
     check_option("split", config.split, tuple(SPLITS))
-    for name, kind in get_type_hints(type(config)).items():
-        if get_origin(kind) is Literal:
-            check_option(name, getattr(config, name), get_args(kind))
+    _check_literals(config)
     spec = AGENTS[config.agent]
     possible = config.strategy in spec.strategies
     _require(config, "strategy", possible, f"{' or '.join(spec.strategies)} with agent {config.agent}")
@@ -132,9 +137,8 @@ def _check_learner(config: TrainConfig) -> None:
         finite = least <= value < float("inf") and (value > 0 or not positive)
         _require(learner, entry.name, finite, "a positive number" if positive else f"a number not below {least}")
         _require(learner, entry.name, isinstance(value, float) or value <= MAX_COUNT, f"at most {MAX_COUNT}")
+    _check_literals(learner)
     if isinstance(learner, PolicyGradient):
-        scopes = get_args(AdvantageScope)
-        _require(learner, "normalize_advantage", learner.normalize_advantage in scopes, "scene, batch or none")
         if config.strategy != "in-advance" and not learner.samples_per_update:
             raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
         _check_minibatches(config, learner)
@@ -142,7 +146,6 @@ def _check_learner(config: TrainConfig) -> None:
 
 def _check_minibatches(config: TrainConfig, learner: PolicyGradient) -> None:
     """Refuse minibatches that are not of one size, or of scenes where there are none."""
-    check_option("minibatch_of", learner.minibatch_of, get_args(MinibatchOf))
     count, unit = learner.samples_per_update or config.episodes_per_update, "decisions"
     if learner.minibatch_of == "scenes":
         in_advance = config.strategy == "in-advance" and not learner.samples_per_update

@@ -64,6 +64,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"learner": PPO(minibatches=4, minibatch_of="scenes")},
         "minibatches: expected a divisor of 10 scenes an update, got 4",
     ),
+    "advantage": (
+        {"learner": PPO(normalize_advantage="game")},  # type: ignore[arg-type]
+        "normalize_advantage: expected one of scene, batch, none, got 'game'",
+    ),
     "minibatch of what": (
         {"learner": PPO(minibatch_of="games")},  # type: ignore[arg-type]
         "minibatch_of: expected one of decisions, scenes",
