@@ -70,10 +70,13 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Counting]]:
     class Fresh(Counting):
         pass
 
+    # Under nohup the tests inherit that SIGHUP is ignored; training then ignores it too.
+    inherited = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     handlers = {number: signal.getsignal(number) for number in loop.SIGNALS}
     monkeypatch.setattr(loop, "Trainer", Fresh)
     yield Fresh
     assert {number: signal.getsignal(number) for number in loop.SIGNALS} == handlers
+    signal.signal(signal.SIGHUP, inherited)
 
 
 @pytest.fixture(scope="module")
