@@ -265,7 +265,7 @@ def _settings(config: TrainConfig, count: int = 1) -> dict[str, Any]:
 
     Of the pool's path only the name counts: its sum says what is in it, wherever `root` is.
     """
-    named = replace(config, scene_pool=Path(config.scene_pool).name if config.scene_pool else "")
+    named = replace(config, scene_pool=Path(config.scene_pool).name)
     return {"settings": json.loads(json.dumps(named.to_json())), **({"members": count} if count > 1 else {})}
 
 
