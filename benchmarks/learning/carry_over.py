@@ -3,15 +3,15 @@
     python -m benchmarks.learning.carry_over --fps 10
     python -m benchmarks.learning.carry_over --fps 10 --test    # plays the forty games too, and counts that it did
 
-Each row differs from the default preset in one thing, or is four policies of that preset as one. They are compared on
-the unseen basic games and on generated scenes that were held out. The forty games are played with --test only, each
-policy once: its greedy plan, then tries that differ. Everything goes on where it stopped.
+Each row differs from the default preset in one thing, is four policies of that preset as one, or lets a classifier
+rank a policy's plans. They are compared on the unseen basic games and on generated scenes that were held out. The forty
+games are played with --test only, each policy once: its first plan, then tries that differ. Everything goes on where it
+stopped.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -19,29 +19,28 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-import jax
 import numpy as np
 import tyro
 from rich.console import Console
 
 from benchmarks.learning.agents import check_settings, finished_run
 from benchmarks.learning.carry_over_document import document
-from benchmarks.learning.on_the_fly import counted, preferring
+from benchmarks.learning.carry_over_policy import DTYPE, RUNS, TRIES, Policy, forty_row, held_out_row, settings_of_row
+from benchmarks.learning.on_the_fly import counted
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.agents import draw_randomly
-from iphyre_jax.attempts.metrics import best_reward, solved_curve
-from iphyre_jax.attempts.policy_tries import PolicyTries
-from iphyre_jax.attempts.protocol import Agent, attempts
+from iphyre_jax.attempts.protocol import Agent
 from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
+from iphyre_jax.models.outcome.ranker import trained_ranker
+from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.models.outcome.settings import settings as outcome_settings
+from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
-from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.algos.base import State
-from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import rollout_collector
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.agents import PPO
@@ -54,12 +53,12 @@ TRAINED_ON: Final = 19_000  # the first ones; the others are held out
 MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
 EVERY: Final = 64  # topologies at most; the generator knows fewer
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
-TRIES: Final = 10  # at each of the forty games ...
-RUNS: Final = 5  # ... and how often these are made
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
 Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
 EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
 ENSEMBLE: Final = "ensemble"
+LARGE_BATCH: Final = "large-batch"
+RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -96,30 +95,32 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
     large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
+    batch = replace(
+        large,
+        updates=240,
+        episodes_per_scene=2 * base.episodes_per_scene,
+        pool_topologies=EVERY,
+        learner=PPO(learning_rate=6e-4, epochs=3, kl_coef=0.2, minibatch_of="scenes"),
+    )
     return MappingProxyType(
         {
             "default": base,
             "variations": replace(base, scene_pool=""),
             "generated": replace(base, variations=0, pool_share=1.0),
             "large-pool": replace(large, updates=2 * base.updates),
-            "large-batch": replace(
-                large,
-                updates=240,
-                episodes_per_scene=2 * base.episodes_per_scene,
-                pool_topologies=EVERY,
-                learner=PPO(learning_rate=6e-4, epochs=3, kl_coef=0.2, minibatch_of="scenes"),
-            ),
+            LARGE_BATCH: batch,
             "small-pool": replace(base, pool_scenes=FEWER),
             "uniform": replace(base, curriculum="uniform"),
             "small-network": replace(base, hidden_sizes=(64, 64)),
             ENSEMBLE: base,
+            RANKED: batch,
         }
     )
 
 
 def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
     """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
-    count, run = (MEMBERS, "default") if name == ENSEMBLE else (1, name)
+    count, run = {ENSEMBLE: (MEMBERS, "default"), RANKED: (1, LARGE_BATCH)}.get(name, (1, name))
     folder = root / f"{fps}fps" / run
     return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
 
@@ -136,13 +137,18 @@ def pool_file(root: Path) -> Path:
     return file
 
 
-def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> tuple[TrainConfig, State]:
-    """Settings (of the first run) and state of a row's policy; what is missing is trained."""
+def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> Policy:
+    """A row's policy without its ranker; what is missing is trained."""
     loaded = [trained(folder, config, console) for folder, config in runs_of_row.items()]
     if len(loaded) == 1:
-        return loaded[0]
+        return Policy(*loaded[0])
     configs, states = zip(*loaded, strict=True)
-    return configs[0], ensemble(configs, states)
+    return Policy(configs[0], ensemble(configs, states))
+
+
+def ranker_config(fps: int) -> OutcomeConfig:
+    """Settings of a rate's ranker, one for all policies of the row."""
+    return replace(outcome_settings("ranker"), fps=fps, resets=RESETS[fps])
 
 
 def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainConfig, State]:
@@ -164,32 +170,7 @@ def is_trained(folder: Path, config: TrainConfig) -> bool:
     return f"{config.updates:06d}" in checkpoint.names(folder)
 
 
-def greedy_scores(config: TrainConfig, state: State, scenes: Sequence[str | Scene]) -> dict[str, list[float]]:
-    """Reward and success of each scene's greedy episode, in order."""
-    policy = preferring(algorithm(config).greedy_policy(state))
-    stats = rollout_collector(config, scenes).collect(policy, jax.random.key(0), 1)[1]
-    return {"reward": stats.reward.tolist(), "success": stats.success.astype(float).tolist()}
-
-
-def held_out_row(config: TrainConfig, state: State, scenes: Sequence[Scene]) -> Row:
-    """Greedy scores on the unseen basic games and on held-out generated scenes."""
-    return {
-        "unseen_basic": greedy_scores(config, state, SPLITS["unseen_basic"]),
-        "held_out": greedy_scores(config, state, scenes),
-    }
-
-
-def forty_row(agent: Agent, fps: int, dtype: str) -> Row:
-    """Best reward and share solved within 1, ..., TRIES tries at each of the forty games."""
-    played = attempts(agent, TRIES, runs=RUNS, fps=fps, resets=RESETS[fps], dtype=dtype)
-    return {
-        "best_reward": dict(zip(GAMES, best_reward(played.reward).tolist(), strict=True)),
-        "solved": dict(zip(GAMES, solved_curve(played.success).tolist(), strict=True)),
-        "faults": played.faults,
-    }
-
-
-def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConfig, State]]], out: Path) -> None:
+def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: Path) -> None:
     """Play the forty games with whatever has no row yet, and count it if there is anything.
 
     Args:
@@ -200,12 +181,12 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConf
     tasks: list[tuple[Path, str, dict[str, Any], Callable[[], Row]]] = []
     for fps in RESETS:
         of_rate = {**policies.get(fps, {}), SHIPPED: _shipped(fps)}
-        agents: dict[str, Agent] = {name: PolicyTries(*one) for name, one in of_rate.items()}
+        agents: dict[str, Agent] = {name: one.agent() for name, one in of_rate.items()}
         for name, agent in {"random plans": draw_randomly, **agents}.items():
-            settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": "float32", "seed": 0, "name": name}
+            settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": DTYPE, "seed": 0, "name": name}
             if name in of_rate:
-                settings.update(_settings(of_rate[name][0], _count(of_rate[name][1])))
-            tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps, "float32")))
+                settings.update(of_rate[name].settings())
+            tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps)))
     if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
         return
     counted(out / COUNTER)
@@ -213,9 +194,9 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, tuple[TrainConf
         kept_row(place, name, settings, compute)
 
 
-def _shipped(fps: int) -> tuple[TrainConfig, State]:
+def _shipped(fps: int) -> Policy:
     policy = load_pretrained(SHIPPED)
-    return replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state
+    return Policy(replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state)
 
 
 def main(arguments: Arguments) -> None:
@@ -227,28 +208,36 @@ def main(arguments: Arguments) -> None:
     console, file = Console(), pool_file(arguments.root)
     tables = {fps: rows(file, fps) for fps in sorted(arguments.fps)}
     generated = load_generated(file)
-    held_out = generated.select(np.arange(TRAINED_ON, len(generated))).scenes
-    policies: dict[int, dict[str, tuple[TrainConfig, State]]] = {fps: {} for fps in tables}
+    learned, held_out = (generated.select(part).scenes for part in np.split(np.arange(len(generated)), [TRAINED_ON]))
+    policies: dict[int, dict[str, Policy]] = {fps: {} for fps in tables}
 
-    def keep_held_out(fps: int, name: str, config: TrainConfig, state: State) -> None:
-        compute = partial(held_out_row, config, state, held_out)
-        kept_row(_folder(arguments.rows, "held-out", fps), name, _settings(config, _count(state)), compute)
+    def keep_held_out(fps: int, name: str, policy: Policy) -> None:
+        folder = _folder(arguments.rows, "held-out", fps)
+        kept_row(folder, name, policy.settings(), partial(held_out_row, policy, held_out))
 
     for fps in tables:
-        keep_held_out(fps, SHIPPED, *_shipped(fps))
+        keep_held_out(fps, SHIPPED, _shipped(fps))
     for seed, fps in product(range(arguments.seeds), tables):
         for name, plain in tables[fps].items():
             runs_of_row = members(arguments.root, fps, name, plain, seed)
             wanted = arguments.train and (not arguments.only or name in arguments.only)
+            ranker = ranker_config(fps) if name == RANKED else None
             held, forty = (_folder(arguments.rows, scenes, fps) / f"{name}-{seed}.json" for scenes in EVALUATED)
             if held.is_file():
                 first = with_sum(next(iter(runs_of_row.values())))
-                read_row(held, _settings(first, len(runs_of_row)))  # refuses one that is out of date
+                read_row(held, settings_of_row(first, len(runs_of_row), ranker))  # refuses one that is out of date
             known = held.is_file() and (forty.is_file() or not arguments.test)
-            if known or not (wanted or all(is_trained(*run) for run in runs_of_row.items())):
+            folder = arguments.root / f"{fps}fps" / RANKED
+            there = all(is_trained(*run) for run in runs_of_row.items())
+            if ranker is not None:
+                there &= ranker.name in classifier_names(folder)
+            if known or not (wanted or there):
                 continue
-            policies[fps][f"{name}-{seed}"] = one = policy_of(runs_of_row, console)
-            keep_held_out(fps, f"{name}-{seed}", *one)
+            one = policy_of(runs_of_row, console)
+            if ranker is not None:
+                one = replace(one, ranker=trained_ranker(folder, learned, ranker, console))
+            policies[fps][f"{name}-{seed}"] = one
+            keep_held_out(fps, f"{name}-{seed}", one)
             _write(arguments, generated.manifest)
     if arguments.test:
         play_forty(arguments.rows, policies, arguments.out)
@@ -258,20 +247,6 @@ def main(arguments: Arguments) -> None:
 def _folder(root: Path, scenes: Evaluated, fps: int) -> Path:
     """Folder of the rows on these scenes at a rate."""
     return root / f"{scenes}-{fps}fps"
-
-
-def _settings(config: TrainConfig, count: int = 1) -> dict[str, Any]:
-    """Settings of a row, as they come back from JSON: those of the first of its `count` runs.
-
-    Of the pool's path only the name counts: its sum says what is in it, wherever `root` is.
-    """
-    named = replace(config, scene_pool=Path(config.scene_pool).name)
-    return {"settings": json.loads(json.dumps(named.to_json())), **({"members": count} if count > 1 else {})}
-
-
-def _count(state: State) -> int:
-    """The number of policies in a state."""
-    return len(state.params.get("members", [state]))
 
 
 def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:

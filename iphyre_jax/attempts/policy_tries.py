@@ -5,7 +5,7 @@ Needs the extra `train`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,32 +22,40 @@ from iphyre_jax.scenes import Scene
 from iphyre_jax.train.algos.actor_critic import ActorCritic
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.observations import start_observations
+from iphyre_jax.train.observations import slot_mask, start_observations
 from iphyre_jax.train.settings.run import TrainConfig
 
 TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
+JUDGED: Final = 256  # drawn once for all tries, if they are judged
+JUDGED_TEMPERATURE: Final = 1.5  # of those
+POLICY_WEIGHT: Final = 0.1  # of the logarithm of the policy's probability beside that of the judged chance
 APART: Final = 0.2  # s, by which plans of the same blocks must differ ...
 APART_SHARE: Final = 0.1  # ... and as a share of the later time
 
 Floats = npt.NDArray[np.float64]
+Judge = Callable[[Scene, Floats], Floats]
+"""Of a scene and plans (N, S) s, NaN for never: the chance (N,) that each solves it."""
 
 
 @dataclass(frozen=True, eq=False)
 class PolicyTries:
     """An agent for `attempts`, blind or with feedback: it never repeats what was tried, nor nearly.
 
-    Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step.
+    Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step. With a judge,
+    the greedy plan and samples are tried in the order of log chance + POLICY_WEIGHT * log probability.
 
     Attributes:
         config: of the training of a policy in advance with the head "time_grid".
         state: of its algorithm.
         temperature: divides the logarithms of the probabilities; 1 samples as in training, more is more diverse.
+        judge: what judges plans, such as `models.outcome.agent.judge_of`; None for no judge.
     """
 
     config: TrainConfig
     state: State
     temperature: float = TEMPERATURE
+    judge: Judge | None = None
 
     def __post_init__(self) -> None:
         check_positive("temperature", self.temperature)
@@ -56,21 +64,35 @@ class PolicyTries:
             raise ValueError(f"config: expected a policy in advance with the head time_grid, got {show(got)}")
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose k plans, (k, S) s; the first of all is the greedy one."""
+        """Propose k plans, (k, S) s; without a judge the first of all is the greedy one."""
         agent = algorithm(self.config)
         assert isinstance(agent, ActorCritic)  # noqa: S101 - only its agents have the head
         obs = start_observations(self.config.strategy, self.config.observation, [scene])
         distribution = _distribution(agent, self.state, obs)
-        warm = jnp.repeat(jax.nn.log_softmax(distribution / self.temperature), SAMPLES, axis=0)
+        greedy = agent.head.mode(distribution)
+
+        def draw(count: int) -> jax.Array:
+            warm = jnp.repeat(jax.nn.log_softmax(distribution / self.temperature), count, axis=0)
+            return agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
+
         tried = [attempt.times for attempt in past]
+        ranked = None
+        if self.judge is not None:
+            drawn = jnp.concatenate([greedy, draw(JUDGED)])
+            plans = self._seconds(agent.head.action(drawn), scene)
+            likely = agent.head.log_prob(jnp.repeat(distribution, len(drawn), axis=0), drawn, slot_mask(obs))
+            chance = self.judge(scene, plans + 0.5 / self.config.fps)  # sees the steps' own times
+            score = np.log(chance) + POLICY_WEIGHT * np.asarray(likely, np.float64)
+            ranked = plans[np.argsort(-score, kind="stable")]
         for _ in range(k):
-            if tried:
-                drawn = agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
-                plans = self._seconds(agent.head.action(drawn), scene)
-                new = np.all([differs(plans, plan) for plan in tried], axis=0)
-                tried.append(plans[int(new.argmax())])  # if none differs, the first
+            if ranked is not None:
+                plans = ranked
+            elif tried:
+                plans = self._seconds(agent.head.action(draw(SAMPLES)), scene)
             else:
-                tried.append(self._seconds(agent.head.action(agent.head.mode(distribution)), scene)[0])
+                plans = self._seconds(agent.head.action(greedy), scene)
+            new = np.all([differs(plans, plan) for plan in tried], axis=0) if tried else np.ones(len(plans))
+            tried.append(plans[int(new.argmax())])  # if none differs, the first
         return np.array(tried[len(past) :])
 
     def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:

@@ -3,9 +3,9 @@ import re
 import numpy as np
 import pytest
 
-from iphyre_jax.attempts.policy_tries import PolicyTries, differs
+from iphyre_jax.attempts.policy_tries import JUDGED, PolicyTries, differs
 from iphyre_jax.attempts.protocol import Attempt, attempts
-from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
 SCENE = load_scene("support")
@@ -48,3 +48,27 @@ def test_other_heads_and_temperatures_are_refused() -> None:
     other = load_pretrained("ppo-o")
     with pytest.raises(ValueError, match=re.escape("config: expected a policy in advance with the head time_grid")):
         PolicyTries(other.config, other.state)
+
+
+def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
+    policy = load_pretrained("ppo-i")
+    seen: list[np.ndarray] = []
+
+    def judge(scene: Scene, plans: np.ndarray) -> np.ndarray:
+        assert scene is SCENE
+        seen.append(plans)
+        return 1e-6 + (1 - 2e-6) * np.nan_to_num(plans[:, 0], nan=0.0) / 15  # the later the first block, the better
+
+    agent = PolicyTries(policy.config, policy.state, 1.5, judge)
+    plans = agent(SCENE, 3, np.random.default_rng(0), ())
+    assert len(seen) == 1
+    assert len(seen[0]) == JUDGED + 1
+    tenths = 10 * seen[0][~np.isnan(seen[0])]
+    np.testing.assert_allclose(tenths, np.round(tenths), atol=1e-9)
+    assert all(differs(plans[:index], plans[index]).all() for index in range(1, 3))
+    greedy = PolicyTries(policy.config, policy.state)(SCENE, 1, np.random.default_rng(0), ())[0]
+    assert plans[0, 0] > greedy[0]
+    past = [Attempt(plan, False, -20.0, 1, 15.0, None) for plan in plans]
+    assert differs(plans, agent(SCENE, 1, np.random.default_rng(0), past)[0]).all()
+    sure = PolicyTries(policy.config, policy.state, 1.5, lambda _, plans: np.full(len(plans), 0.5))
+    np.testing.assert_array_equal(sure(SCENE, 1, np.random.default_rng(0), ())[0], greedy)  # the likeliest plan

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from benchmarks.learning import carry_over
+from benchmarks.learning import carry_over, carry_over_policy
 from benchmarks.learning.carry_over_document import document
+from benchmarks.learning.carry_over_policy import Policy, first_tries, greedy_scores, settings_of_row
+from iphyre_jax.attempts.policy_tries import JUDGED
 from iphyre_jax.files import read_json_object
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.models.outcome.storage import load_classifier
+from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.train.storage.pretrained import load_pretrained
 
 DIFFER = {
     "default": set(),
@@ -23,6 +29,7 @@ DIFFER = {
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},
     "ensemble": set(),
+    "ranked": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
 }
 
 
@@ -55,8 +62,8 @@ def test_rows_differ_in_one_thing(fps: int) -> None:
 def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
     here, there = (carry_over.rows(Path(root) / "pool.npz", 10)["large-pool"] for root in ("here", "there"))
     assert here != there
-    assert carry_over._settings(here) == carry_over._settings(there)
-    assert carry_over._settings(here) != carry_over._settings(replace(there, pool_sha256="1"))
+    assert settings_of_row(here) == settings_of_row(there)
+    assert settings_of_row(here) != settings_of_row(replace(there, pool_sha256="1"))
 
 
 def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
@@ -66,6 +73,35 @@ def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
     assert folders == [Path("10fps/default") / f"seed-{seed}" for seed in range(5 * carry_over.MEMBERS)]
     assert [config.seed for one in runs for config in one.values()] == list(range(5 * carry_over.MEMBERS))
     assert carry_over.members(Path(), 60, "uniform", plain, 3) == {Path("60fps/uniform/seed-3"): replace(plain, seed=3)}
+
+
+def test_the_ranker_has_the_policies_of_large_batch() -> None:
+    plain = carry_over.rows(Path("pool.npz"), 10)
+    runs = [carry_over.members(Path(), 10, name, plain[name], 2) for name in ("large-batch", "ranked")]
+    assert runs[0] == runs[1] != {}
+    config = plain["ranked"]
+    rankers = [carry_over.ranker_config(fps) for fps in (10, 60)]
+    assert [(one.fps, one.resets) for one in rankers] == [(10, 2), (60, 1)]
+    rows = [settings_of_row(config, ranker=ranker) for ranker in (None, *rankers)]
+    assert all(one != other for one, other in combinations(rows, 2))
+
+
+def test_a_ranked_policy_plays_what_the_ranker_believes_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped = load_pretrained("ppo-i-objects")
+    plain, ranked = (Policy(shipped.config, shipped.state, one) for one in (None, load_classifier("relations")))
+    assert settings_of_row(shipped.config) == plain.settings()
+    assert plain.settings() != ranked.settings()
+    games = ["support", "hole"]
+    assert first_tries(plain, games)["success"] == greedy_scores(plain, games)["success"] == [1.0, 1.0]
+    seen: list[int] = []
+
+    def judge(scene: Scene, plans: Any) -> Any:
+        seen.append(len(plans))
+        return 1e-9 + np.nan_to_num(plans).max(axis=1) / 15  # the later, the better
+
+    monkeypatch.setattr(carry_over_policy, "judge_of", lambda ranker: judge)
+    assert first_tries(ranked, ["support"])["reward"][0] < first_tries(plain, ["support"])["reward"][0]
+    assert seen == [JUDGED + 1]
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
@@ -90,7 +126,7 @@ def test_the_document_of_two_seeds(tmp_path: Path) -> None:
 def test_the_forty_are_played_once_and_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     played: list[int] = []
 
-    def play(agent: object, fps: int, dtype: str) -> dict[str, Any]:
+    def play(agent: object, fps: int) -> dict[str, Any]:
         played.append(fps)
         return forty([500.0] * 10)
 

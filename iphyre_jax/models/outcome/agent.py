@@ -13,11 +13,10 @@ import numpy.typing as npt
 from iphyre_jax.checks import check_whole
 from iphyre_jax.models.outcome.plays.augmented import random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
-from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.storage import OutcomeClassifier
-from iphyre_jax.models.outcome.training import Params, predict
+from iphyre_jax.models.outcome.training import predict_for
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.scenes import SceneLike, load_scene
+from iphyre_jax.scenes import MAX_ELIMINABLE, SceneLike, load_scene
 from iphyre_jax.simulation import simulate_many
 
 CANDIDATES: Final = 1000  # plans that are judged
@@ -35,6 +34,26 @@ def candidates(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     return drawn[np.sort(first)].astype(np.float64)
 
 
+def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Floats]:
+    """How a trained classifier judges plans, for `attempts.policy_tries.PolicyTries`.
+
+    Returns:
+        A function of a scene and plans (N, S) s, NaN for a block that stays, which gives the chance (N,) that each
+        solves the scene.
+    """
+    config = classifier.config
+
+    def judge(scene: SceneLike, plans: Floats) -> Floats:
+        loaded = load_scene(scene)
+        columns = np.full((len(plans), MAX_ELIMINABLE), np.nan)
+        columns[:, : plans.shape[1]] = plans
+        seen = jax.tree.map(jnp.asarray, scene_inputs([loaded], config))
+        inputs = plan_inputs([loaded], np.zeros(len(plans), np.int32), columns, config)
+        return predict_for(config, classifier.params, seen, inputs)[0]
+
+    return judge
+
+
 def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Agent:
     """An agent that plays the k best of `count` random plans, as a trained classifier judges them.
 
@@ -42,19 +61,15 @@ def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Age
         A function of scene, k, a NumPy generator and, which it does not read, earlier attempts; it gives plans,
         (k, blocks) s, NaN for a block that stays. If k exceeds the number of different plans, the best come again.
     """
-    return _ranking(classifier.config, classifier.params, check_whole("count", count, 1, MOST))
+    judge = judge_of(classifier)
+    check_whole("count", count, 1, MOST)
 
-
-def _ranking(config: OutcomeConfig, params: Params, count: int) -> Agent:
     def propose(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Any] = ()) -> Floats:
         del past
         loaded = load_scene(scene)
         blocks = len(loaded.eliminable_blocks)
         plans = candidates(blocks, count, rng)
-        game = np.zeros(len(plans), np.int32)
-        seen = jax.tree.map(jnp.asarray, scene_inputs([loaded], config))
-        chance = predict(config, params, seen, game, plan_inputs([loaded], game, plans, config))[0]
-        best = np.argsort(-chance, kind="stable")
+        best = np.argsort(-judge(loaded, plans), kind="stable")
         return plans[np.resize(best, check_whole("k", k)), :blocks]
 
     return propose

@@ -6,11 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.checks import check_flag, check_option, check_positive, check_whole, show
+from iphyre_jax.checks import check_flag, check_option, check_positive, check_resets, check_whole, show, whole_fps
 
-NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations"]
-PresetName = Literal["paper", "clean", "relations"]
-DataName = Literal["official", "large", "generated"]
+NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations", "ranker"]
+PresetName = Literal["paper", "clean", "relations", "ranker"]
+DataName = Literal["official", "large", "generated", "pool"]
 
 NETWORKS: Final = get_args(NetworkName)
 PRESETS: Final = get_args(PresetName)
@@ -26,10 +26,13 @@ class OutcomeConfig:
         preset: where the settings come from.
         network: "global", "object" and "vision" are the paper's; "plan" and "scene" see only one of the two inputs.
         data: "official", 50 solved and 50 failed plans of each basic game; "large", thousands, and variations;
-            "generated", those and generated scenes.
+            "generated", those and generated scenes; "pool", a file of generated scenes, and variations.
+        fps: physics steps a second of the plays.
+        resets: number of the reset in which they are made.
         seeds: networks, with seeds 0, 1, ...
         epochs: passes over the plays.
         batch_size: plays in a step.
+        plans_per_scene: plays of a scene in a batch, of which half solve it; 1: plays are drawn one by one.
         learning_rate: of Adam at the start.
         final_rate: least learning rate.
         half_period: steps from the largest rate to the least, after which it rises again; 0: once over all steps.
@@ -41,17 +44,20 @@ class OutcomeConfig:
         draws: plays of an epoch, drawn so that each game and class is equally frequent; 0: every play once.
         mirrored: mirror plays, each with a probability of one half.
         keep_best: keep the network of the epoch with the least loss on held-out plays of basic; else the last.
-        width: features of each object, of "relations" alone.
-        rounds: of attention, of "relations" alone.
+        width: features of each object, of "relations" and "ranker" alone.
+        rounds: of attention, of "relations" and "ranker" alone.
         chunk: epochs between checkpoints.
     """
 
     preset: PresetName = "paper"
     network: NetworkName = "global"
     data: DataName = "official"
+    fps: int = 60
+    resets: int = 1
     seeds: int = 5
     epochs: int = 200
     batch_size: int = 16
+    plans_per_scene: int = 1
     learning_rate: float = 1e-3
     final_rate: float = 1e-6
     half_period: int = 200
@@ -75,7 +81,7 @@ class OutcomeConfig:
         """
         for name, options in (("preset", PRESETS), ("network", NETWORKS), ("data", get_args(DataName))):
             check_option(name, getattr(self, name), options)
-        for name in ("seeds", "epochs", "batch_size", "width", "rounds", "chunk"):
+        for name in ("seeds", "epochs", "batch_size", "plans_per_scene", "width", "rounds", "chunk"):
             check_whole(name, getattr(self, name), 1, MAX_EPOCHS)
         for name in ("half_period", "draws"):
             check_whole(name, getattr(self, name), 0)
@@ -84,12 +90,21 @@ class OutcomeConfig:
         for field in dataclasses.fields(self):
             if isinstance(field.default, bool):
                 check_flag(field.name, getattr(self, field.name))
+        whole_fps(self.fps)
+        check_resets(self.resets)
+        if self.batch_size % self.plans_per_scene:
+            expected = f"a divisor of batch_size, {self.batch_size}"
+            raise ValueError(f"plans_per_scene: expected {expected}, got {show(self.plans_per_scene)}")
+        if self.plans_per_scene > 1 and not self.draws:
+            raise ValueError("draws: expected plays of an epoch, as plans_per_scene is above 1, got 0")
         if self.epochs % self.chunk:
             raise ValueError(f"chunk: expected a divisor of {self.epochs} epochs, got {show(self.chunk)}")
 
     @property
     def name(self) -> str:
-        """Of the row: "paper-global", "relations", or "relations-basic" without generated scenes."""
+        """Of the row: "paper-global"; "relations", or "relations-basic" without generated scenes; "ranker-60fps"."""
+        if self.network == "ranker":
+            return f"{self.preset}-{self.fps}fps"
         if self.network == "relations":
             return self.preset if self.data == "generated" else f"{self.preset}-basic"
         return f"{self.preset}-{self.network}"
@@ -125,20 +140,35 @@ _RELATIONS: Final = OutcomeConfig(
     mirrored=True,
     chunk=1,
 )
+# It learns longer than `relations`, for time alone decides: each play is seen about eight times.
+_RANKER: Final = dataclasses.replace(
+    _RELATIONS,
+    preset="ranker",
+    network="ranker",
+    data="pool",
+    seeds=1,
+    epochs=80,
+    batch_size=768,
+    plans_per_scene=24,
+    learning_rate=1e-3,
+    weight_decay=1e-2,
+    draws=230_400,
+    width=96,
+)
 
 
 def settings(preset: PresetName = "paper", network: NetworkName | None = None) -> OutcomeConfig:
     """The settings of a preset with a network.
 
     Args:
-        preset: "paper", "clean" or "relations".
-        network: by default the preset's first: "global", or "relations".
+        preset: "paper", "clean", "relations" or "ranker".
+        network: by default the preset's first: "global", "relations" or "ranker".
 
     Raises:
         ValueError: one line; there is no such preset or network.
     """
     check_option("preset", preset, PRESETS)
-    base = {"paper": OutcomeConfig(), "clean": _CLEAN, "relations": _RELATIONS}[preset]
+    base = {"paper": OutcomeConfig(), "clean": _CLEAN, "relations": _RELATIONS, "ranker": _RANKER}[preset]
     chosen = base.network if network is None else network
     check_option("network", chosen, NETWORKS)
     config = dataclasses.replace(base, network=chosen)

@@ -13,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import optax
 
+from iphyre_jax.models.outcome.batches import epoch_batches, steps_per_epoch
 from iphyre_jax.models.outcome.networks.fusion import network
 from iphyre_jax.models.outcome.plays.inputs import Examples, Plans, Scenes
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 
 BLOCK: Final = 2048  # plans judged at once
+GROUP: Final = 128  # plans of one scene judged at once, or a multiple of these
 
 Params = Any  # a network's tree of arrays
 
@@ -47,11 +49,6 @@ class Material(NamedTuple):
     train: Examples
     held_scenes: Scenes
     held: Examples
-
-
-def steps_per_epoch(config: OutcomeConfig, plays: int) -> int:
-    """Batches of an epoch; the last one may be smaller."""
-    return -(-(config.draws or plays) // config.batch_size)
 
 
 def learning_rate(config: OutcomeConfig, steps: int) -> Callable[[Any], jax.Array]:
@@ -111,28 +108,17 @@ def mirror_rows(rows: jax.Array, which: jax.Array) -> jax.Array:
 def _loss(
     config: OutcomeConfig, params: Params, scenes: Scenes, batch: Examples, which: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Weighted cross entropy and accuracy. The paper's binary one on two softmax outputs is the same number."""
-    rows = mirror_rows(jnp.asarray(scenes.rows)[batch.game], which)
-    found = _apply(config, params, rows, batch.plans, scenes, batch.game)
+    """Weighted cross entropy and accuracy. The paper's binary one on two softmax outputs is the same number.
+
+    Plays come one by one, or as (B, P): P of a scene, which is then encoded once.
+    """
+    game = batch.game if batch.game.ndim == 1 else batch.game[:, 0]
+    rows = mirror_rows(jnp.asarray(scenes.rows)[game], which)
+    found = _apply(config, params, rows, batch.plans, scenes, game)
     each = optax.softmax_cross_entropy_with_integer_labels(found, batch.label)
     total = jnp.maximum(batch.weight.sum(), 1e-9)
     right = (found.argmax(axis=-1) == batch.label).astype(jnp.float32)
     return (each * batch.weight).sum() / total, (right * batch.weight).sum() / total
-
-
-def _epoch_indices(config: OutcomeConfig, key: jax.Array, weight: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Plays of each batch (steps, B), and which of them count: the last batch is filled up."""
-    plays = len(weight)
-    steps = steps_per_epoch(config, plays)
-    size = steps * config.batch_size
-    if config.draws:
-        sums = jnp.cumsum(weight)
-        drawn = jnp.searchsorted(sums, jax.random.uniform(key, (size,)) * sums[-1])
-        index, counts = jnp.minimum(drawn, plays - 1), jnp.ones(size)
-    else:
-        index = jnp.pad(jax.random.permutation(key, plays), (0, size - plays))
-        counts = (jnp.arange(size) < plays).astype(jnp.float32)
-    return index.reshape(steps, -1), counts.reshape(steps, -1)
 
 
 def _one_epoch(
@@ -143,8 +129,8 @@ def _one_epoch(
     optimizer = _optimizer(config, len(train.label))
     key = jax.random.fold_in(jax.random.key(seed), number + 1)
     order_key, mirror_key = jax.random.split(key)
-    index, counts = _epoch_indices(config, order_key, jnp.asarray(train.weight))
-    which = jax.random.bernoulli(mirror_key, 0.5, index.shape) & config.mirrored
+    index, counts = epoch_batches(config, order_key, train, len(material.scenes.rows))
+    which = jax.random.bernoulli(mirror_key, 0.5, index.shape[:2]) & config.mirrored
 
     def step(carry: tuple[Params, Any], batch: tuple[jax.Array, ...]) -> tuple[tuple[Params, Any], jax.Array]:
         params, moments = carry
@@ -201,6 +187,18 @@ def predict(
         blocks.append(found[:, : len(game) - first])
     count = jax.tree.leaves(params)[0].shape[0]
     return np.concatenate(blocks, axis=1) if blocks else np.zeros((count, 0))
+
+
+def predict_for(config: OutcomeConfig, params: Params, scenes: Scenes, plans: Plans) -> npt.NDArray[np.float64]:
+    """The chance of success that networks of K seeds give N plans of the one scene in `scenes`, (K, N)."""
+    count = len(plans.seconds)
+    if config.network != "ranker":
+        return predict(config, params, scenes, np.zeros(count, np.int32), plans)
+    # Filled up with the first plan, so that few numbers of plans need a program; the scene is encoded once.
+    index = np.arange(-(-count // GROUP) * GROUP)
+    index = np.where(index < count, index, 0)
+    group = Plans(*(np.asarray(part)[None, index] for part in plans))
+    return np.asarray(_judge(config, params, scenes, np.zeros(1, np.int32), group), np.float64)[:, 0, :count]
 
 
 def chosen(config: OutcomeConfig, state: OutcomeState) -> Params:

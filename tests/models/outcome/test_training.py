@@ -101,22 +101,6 @@ def test_swinging_rate() -> None:
     assert once(1000) == pytest.approx(1e-6, rel=1e-3)
 
 
-def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
-    config = dataclasses.replace(CONFIG, batch_size=16)
-    index, counts = training._epoch_indices(config, jax.random.key(0), np.ones(41, np.float32))
-    assert index.shape == counts.shape == (3, 16)
-    assert sorted(np.asarray(index)[np.asarray(counts) > 0].tolist()) == list(range(41))
-
-
-def test_drawn_plays_are_balanced() -> None:
-    config = dataclasses.replace(settings("relations"), draws=5000, batch_size=100)
-    weight = np.array([1.0] * 900 + [9.0] * 100, np.float32)
-    index, counts = training._epoch_indices(config, jax.random.key(0), weight)
-    assert index.shape == (50, 100)
-    assert np.asarray(counts).all()
-    assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", storage.names())
 def test_what_ships_loads_and_judges(name: str) -> None:

@@ -9,6 +9,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.models.outcome.networks.ranker import RankerNetwork
 from iphyre_jax.models.outcome.networks.relations import RelationNetwork
 from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes
 from iphyre_jax.models.outcome.settings import OutcomeConfig
@@ -110,6 +111,8 @@ def network(config: OutcomeConfig) -> nn.Module:
     """The network of these settings."""
     if config.network == "relations":
         return RelationNetwork(config.width, config.rounds)
+    if config.network == "ranker":
+        return RankerNetwork(config.width, config.rounds)
     if config.network == "object":
         return ObjectFusion(config.removal_flag)
     return Fusion(INPUTS[config.network], config.removal_flag)

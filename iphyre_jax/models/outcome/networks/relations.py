@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import flax.linen as nn
 import jax
@@ -34,15 +35,9 @@ class RelationNetwork(nn.Module):
     def __call__(self, rows: jax.Array, plans: Plans, scenes: Scenes, game: jax.Array) -> jax.Array:
         """Rows (B, 12, 9) and plans (B, 12), times in seconds -> logits (B, 2) of failure and success."""
         del scenes, game  # what an object is counts, not which scene it is from
-        flags = jnp.minimum(rows[..., LENGTH_COLUMNS:], 1.0)
-        seen = jnp.concatenate([rows[..., :LENGTH_COLUMNS], flags], axis=-1)
-        mask = rows[..., 4] > 0  # every object has a radius
-        ball = mask & (jnp.abs(rows[..., 0:2] - rows[..., 2:4]).max(axis=-1) < 1e-6)
-        objects = jnp.concatenate(
-            [object_features(seen, seen[..., :0]), ball[..., None], time_features(plans)], axis=-1
-        )
-        pairs = jnp.concatenate([pair_features(seen), near_features(seen), link_features(rows), order(plans)], axis=-1)
-        x = nn.relu(nn.Dense(self.width)(objects))
+        objects, pairs, mask, ball = describe(rows)
+        pairs = jnp.concatenate([pairs, order(plans)], axis=-1)
+        x = nn.relu(nn.Dense(self.width)(jnp.concatenate([objects, time_features(plans)], axis=-1)))
         for _ in range(self.rounds):
             x = AttentionBlock(self.width)(x, pairs, mask)
         count = jnp.maximum(mask.sum(axis=1), 1)[:, None]
@@ -52,9 +47,29 @@ class RelationNetwork(nn.Module):
         return all_solved(nn.Dense(1)(hidden)[..., 0], ball)
 
 
+class Described(NamedTuple):
+    """What a table of objects says, whatever the plan."""
+
+    objects: jax.Array  # (B, 12, F) features of each object
+    pairs: jax.Array  # (B, 12, 12, R) of each pair
+    mask: jax.Array  # (B, 12) bool: there is an object
+    ball: jax.Array  # (B, 12) bool: it is a ball
+
+
+def describe(rows: jax.Array) -> Described:
+    """Features of scenes from their tables, (B, 12, 9)."""
+    flags = jnp.minimum(rows[..., LENGTH_COLUMNS:], 1.0)
+    seen = jnp.concatenate([rows[..., :LENGTH_COLUMNS], flags], axis=-1)
+    mask = rows[..., 4] > 0  # every object has a radius
+    ball = mask & (jnp.abs(rows[..., 0:2] - rows[..., 2:4]).max(axis=-1) < 1e-6)
+    objects = jnp.concatenate([object_features(seen, seen[..., :0]), ball[..., None]], axis=-1)
+    pairs = jnp.concatenate([pair_features(seen), near_features(seen), link_features(rows)], axis=-1)
+    return Described(objects, pairs, mask, ball)
+
+
 def all_solved(logits: jax.Array, ball: jax.Array) -> jax.Array:
-    """Logits (B, 2) of failure and success from those of each object (B, 12), of which only balls (B, 12) count."""
-    chance = jnp.where(ball, jax.nn.log_sigmoid(logits), 0.0).sum(axis=1)
+    """Logits (..., 2) of failure and success from those of each object (..., 12), of which only balls count."""
+    chance = jnp.where(ball, jax.nn.log_sigmoid(logits), 0.0).sum(axis=-1)
     chance = jnp.clip(chance, math.log(SURE), math.log1p(-SURE))
     return jnp.stack([jnp.log(-jnp.expm1(chance)), chance], axis=-1)
 

@@ -22,7 +22,7 @@ from iphyre_jax.data.collection import Recipe, build
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_entry
 from iphyre_jax.data.generated.pool import SHIPPED, load_generated
 from iphyre_jax.data.journal import Journal
-from iphyre_jax.data.labels import label_plans
+from iphyre_jax.data.labels import PlayProtocol, label_plans
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
 from iphyre_jax.train.scenes import variations
@@ -35,7 +35,7 @@ ADDED: Final = 3  # blocks at most
 REMOVABLE: Final = 0.6  # chance that an added block can be removed, if there are slots left
 MOVE: Final = 0.5  # s, the most by which a neighbour's times differ
 STREAM: Final = 104_729  # seeds of these variations: not those that agents train on
-RECIPE: Final = Recipe(distribution="official and neighbours of solutions", seed=STREAM)
+OFFICIAL: Final = PlayProtocol()
 
 Floats = npt.NDArray[np.float32]
 
@@ -76,12 +76,19 @@ def scenes_of(game: str, count: int, seed: int) -> tuple[Scene, ...]:
     return tuple(distracted(scene, own, rng) for scene in plain)
 
 
-def play(scenes: Sequence[Scene], game: npt.NDArray[np.int32], times: Floats, draw: npt.NDArray[np.int32]) -> Dataset:
+def play(
+    scenes: Sequence[Scene],
+    game: npt.NDArray[np.int32],
+    times: Floats,
+    draw: npt.NDArray[np.int32],
+    protocol: PlayProtocol = OFFICIAL,
+) -> Dataset:
     """Play plans in float64 and keep what became of them."""
-    steps = RECIPE.protocol.steps(times)
-    labels = label_plans(scenes, game, steps, RECIPE.protocol)
+    recipe = Recipe(distribution="official and neighbours of solutions", protocol=protocol, seed=STREAM)
+    steps = protocol.steps(times)
+    labels = label_plans(scenes, game, steps, protocol)
     entries = {"scenes": [scene_entry(scene) for scene in scenes]}
-    return build(scenes, game, times, labels.columns(draw), RECIPE, Journal(), entries, steps)
+    return build(scenes, game, times, labels.columns(draw), recipe, Journal(), entries, steps)
 
 
 def collect_game(
@@ -91,7 +98,14 @@ def collect_game(
     return collect_scenes(scenes_of(game, scenes, seed), plans, near, seed)
 
 
-def collect_scenes(varied: Sequence[Scene], plans: int, near: int = NEIGHBOURS, seed: int = 0) -> Dataset:
+def collect_scenes(
+    varied: Sequence[Scene],
+    plans: int,
+    near: int = NEIGHBOURS,
+    seed: int = 0,
+    protocol: PlayProtocol = OFFICIAL,
+    draw: Callable[[int, int, np.random.Generator], Floats] = random_plans,
+) -> Dataset:
     """Play scenes with random plans and with neighbours of the solutions found.
 
     Args:
@@ -99,19 +113,21 @@ def collect_scenes(varied: Sequence[Scene], plans: int, near: int = NEIGHBOURS, 
         plans: random plans of each.
         near: neighbours, on average.
         seed: of the plans.
+        protocol: rate, rule and reset of the plays.
+        draw: gives random plans (count, 6), s, of a scene with so many blocks.
     """
     rng = np.random.default_rng([STREAM, seed, 1])
     blocks = np.array([len(scene.eliminable_blocks) for scene in varied])
     which = np.repeat(np.arange(len(varied), dtype=np.int32), plans)
-    times = np.concatenate([random_plans(int(count), plans, rng) for count in blocks])
-    first = play(varied, which, times, np.arange(len(which), dtype=np.int32))
+    times = np.concatenate([draw(int(count), plans, rng) for count in blocks])
+    first = play(varied, which, times, np.arange(len(which), dtype=np.int32), protocol)
     solved = np.flatnonzero(first.success)
     if not len(solved) or not near:
         return first
     weight = 1 / np.bincount(which[solved], minlength=len(varied))[which[solved]]  # scenes count alike
     chosen = rng.choice(solved, near * len(varied), p=weight / weight.sum())
     beside = neighbours(times[chosen], blocks[which[chosen]], rng)
-    second = play(varied, which[chosen], beside, len(which) + np.arange(len(chosen), dtype=np.int32))
+    second = play(varied, which[chosen], beside, len(which) + np.arange(len(chosen), dtype=np.int32), protocol)
     return joined([first, second])
 
 

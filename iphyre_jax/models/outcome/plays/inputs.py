@@ -92,7 +92,7 @@ def plan_inputs(
 
 def examples(dataset: Dataset, config: OutcomeConfig) -> Examples:
     """The plays of a data set as a network of these settings learns them."""
-    times = np.array(dataset.times, np.float32)
+    times = np.where(dataset.steps < 0, np.float32("nan"), dataset.times)  # without what the rule leaves out
     if config.masked_times:
         end = dataset.end_step / float(dataset.manifest["fps"])
         times = np.where(times > end[:, None], np.float32("nan"), times)

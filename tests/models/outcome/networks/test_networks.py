@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from iphyre_jax.models.outcome.networks import relations
+from iphyre_jax.models.outcome.networks import ranker, relations
 from iphyre_jax.models.outcome.networks.fusion import CLASSES, TorchDense, network
 from iphyre_jax.models.outcome.plays import inputs
 from iphyre_jax.models.outcome.settings import NetworkName, settings
@@ -74,3 +76,31 @@ def test_mirrored_twice_is_the_same() -> None:
     assert (once[1] == rows[1]).all()
     assert once[0, 0, 0] == pytest.approx(1 - rows[0, 0, 0])
     np.testing.assert_allclose(mirror_rows(once, which), rows, atol=1e-6)
+
+
+def test_a_ranker_judges_plans_together_as_one_by_one_and_whatever_the_order_of_objects() -> None:
+    plays, config = made_up(4, 0), dataclasses.replace(settings("ranker"), width=16, rounds=1)
+    scenes, seen = inputs.scene_inputs(plays.scenes, config), inputs.examples(plays, config)
+    net, rows = network(config), jnp.asarray(scenes.rows)
+    each = (rows[plays.game], seen.plans, scenes, plays.game)
+    params = net.init(jax.random.key(0), *each)
+    one_by_one = net.apply(params, *each)
+    assert one_by_one.shape == (12, CLASSES)
+    assert np.std(np.asarray(one_by_one)) > 0
+    grouped = inputs.Plans(*(np.asarray(part).reshape(3, 4, 12) for part in seen.plans))
+    together = net.apply(params, rows, grouped, scenes, np.arange(3))
+    np.testing.assert_allclose(np.asarray(together).reshape(12, CLASSES), one_by_one, rtol=1e-4, atol=1e-5)
+    order = np.random.default_rng(0).permutation(12)
+    moved = inputs.Plans(*(part[..., order] for part in grouped))
+    np.testing.assert_allclose(
+        net.apply(params, rows[:, order], moved, scenes, np.arange(3)), together, rtol=1e-3, atol=1e-4
+    )
+
+
+def test_bumps_tell_early_times_apart_and_a_block_that_stays_has_none() -> None:
+    plans = inputs.Plans(jnp.array([[0.1, 0.2, 14.0, 14.1, 0.0]]), jnp.array([[1.0, 1.0, 1.0, 1.0, 0.0]]))
+    found = np.asarray(ranker.bumps(plans))[0]
+    assert found.dtype == np.float32
+    assert np.abs(found[0] - found[1]).max() > np.abs(found[2] - found[3]).max() > 0.01
+    assert not found[4].any()
+    assert (found[:4, 0] == 1).all()

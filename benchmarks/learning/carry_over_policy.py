@@ -1,0 +1,101 @@
+"""The policies that `benchmarks.learning.carry_over` compares, and how they play."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import jax
+
+from benchmarks.learning.on_the_fly import preferring
+from iphyre_jax.analyses.oracle import RESETS
+from iphyre_jax.attempts.metrics import best_reward, solved_curve
+from iphyre_jax.attempts.policy_tries import PolicyTries
+from iphyre_jax.attempts.protocol import Agent, attempts
+from iphyre_jax.kept_rows import Row
+from iphyre_jax.models.outcome.agent import judge_of
+from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.models.outcome.storage import OutcomeClassifier
+from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.collect import rollout_collector
+from iphyre_jax.train.settings.run import TrainConfig
+
+TRIES: Final = 10  # at each of the forty games ...
+RUNS: Final = 5  # ... and how often these are made
+TEMPERATURE: Final = 1.5  # of the plans that a ranker chooses among
+DTYPE: Final = "float32"
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A trained policy, of one run or of several as one.
+
+    Attributes:
+        config: settings of its (first) run.
+        state: of the algorithm.
+        ranker: chooses among its plans.
+    """
+
+    config: TrainConfig
+    state: State
+    ranker: OutcomeClassifier | None = None
+
+    def agent(self) -> PolicyTries:
+        """The agent that tries its plans."""
+        if self.ranker is None:
+            return PolicyTries(self.config, self.state)
+        return PolicyTries(self.config, self.state, TEMPERATURE, judge_of(self.ranker))
+
+    def settings(self) -> dict[str, Any]:
+        """What decides its rows, as JSON gives it back."""
+        count = len(self.state.params.get("members", [self.state]))
+        return settings_of_row(self.config, count, self.ranker.config if self.ranker else None)
+
+
+def settings_of_row(config: TrainConfig, count: int = 1, ranker: OutcomeConfig | None = None) -> dict[str, Any]:
+    """Settings of a row, as they come back from JSON: those of the first of its `count` runs, and of its ranker.
+
+    Of the pool's path only the name counts: its sum says what is in it, wherever it lies.
+    """
+    named = replace(config, scene_pool=Path(config.scene_pool).name)
+    found: dict[str, Any] = {"settings": json.loads(json.dumps(named.to_json()))}
+    if count > 1:
+        found["members"] = count
+    if ranker is not None:
+        found["ranker"] = ranker.to_json()
+    return found
+
+
+def held_out_row(policy: Policy, scenes: Sequence[Scene]) -> Row:
+    """First tries at the unseen basic games and at held-out generated scenes."""
+    play = first_tries if policy.ranker else greedy_scores
+    return {"unseen_basic": play(policy, SPLITS["unseen_basic"]), "held_out": play(policy, scenes)}
+
+
+def greedy_scores(policy: Policy, scenes: Sequence[str | Scene]) -> dict[str, list[float]]:
+    """Reward and success of each scene's greedy episode, in order."""
+    greedy = preferring(algorithm(policy.config).greedy_policy(policy.state))
+    stats = rollout_collector(policy.config, scenes).collect(greedy, jax.random.key(0), 1)[1]
+    return {"reward": stats.reward.tolist(), "success": stats.success.astype(float).tolist()}
+
+
+def first_tries(policy: Policy, scenes: Sequence[str | Scene]) -> dict[str, list[float]]:
+    """Reward and success of each scene's first try, in order."""
+    config = policy.config
+    played = attempts(policy.agent(), 1, games=scenes, fps=config.fps, resets=config.resets, dtype=DTYPE)
+    return {"reward": played.reward[:, 0, 0].tolist(), "success": played.success[:, 0, 0].astype(float).tolist()}
+
+
+def forty_row(agent: Agent, fps: int) -> Row:
+    """Best reward and share solved within 1, ..., TRIES tries at each of the forty games."""
+    played = attempts(agent, TRIES, runs=RUNS, fps=fps, resets=RESETS[fps], dtype=DTYPE)
+    return {
+        "best_reward": dict(zip(GAMES, best_reward(played.reward).tolist(), strict=True)),
+        "solved": dict(zip(GAMES, solved_curve(played.success).tolist(), strict=True)),
+        "faults": played.faults,
+    }

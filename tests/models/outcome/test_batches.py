@@ -1,0 +1,53 @@
+"""Which plays a batch has: each once, drawn by weight, or many of a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+
+from iphyre_jax.models.outcome.batches import epoch_batches
+from iphyre_jax.models.outcome.plays.inputs import Examples, Plans
+from iphyre_jax.models.outcome.settings import settings
+
+
+def plays(game: list[int], label: list[int], weight: list[float] | None = None) -> Examples:
+    """Plays without plans."""
+    none = np.zeros((len(game), 12), np.float32)
+    counts = np.ones(len(game)) if weight is None else np.array(weight)
+    return Examples(np.array(game, np.int32), Plans(none, none), np.array(label, np.int32), counts.astype(np.float32))
+
+
+def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
+    config = dataclasses.replace(settings("clean", "plan"), batch_size=16)
+    index, counts = epoch_batches(config, jax.random.key(0), plays([0] * 41, [0] * 41), 1)
+    assert index.shape == counts.shape == (3, 16)
+    assert sorted(np.asarray(index)[np.asarray(counts) > 0].tolist()) == list(range(41))
+
+
+def test_drawn_plays_are_balanced() -> None:
+    config = dataclasses.replace(settings("relations"), draws=5000, batch_size=100)
+    found = plays([0] * 1000, [0] * 1000, [1.0] * 900 + [9.0] * 100)
+    index, counts = epoch_batches(config, jax.random.key(0), found, 1)
+    assert index.shape == (50, 100)
+    assert np.asarray(counts).all()
+    assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
+
+
+def test_plays_of_a_scene_stand_together_and_half_of_them_solve_it() -> None:
+    config = dataclasses.replace(settings("ranker"), draws=4000, batch_size=40, plans_per_scene=8)
+    # In no order; scene 1 has one success in 100 plays, scene 2 none.
+    game = np.random.default_rng(0).permutation(np.repeat([0, 1, 2], 100))
+    label = (game == 0) & (np.random.default_rng(1).random(300) < 0.3)
+    label[np.flatnonzero(game == 1)[50]] = True
+    index, counts = epoch_batches(config, jax.random.key(0), plays(game.tolist(), label.astype(int).tolist()), 3)
+    index = np.asarray(index)
+    assert index.shape == counts.shape == (100, 5, 8)
+    scene = game[index]
+    assert (scene == scene[..., :1]).all()
+    assert np.bincount(scene[..., 0].ravel()).min() > 130  # of 500: scenes are drawn alike
+    assert [abs(label[index][scene == k].mean() - share) < 0.05 for k, share in enumerate((0.5, 0.5, 0.0))] == [
+        True
+    ] * 3
+    assert len(np.unique(index)) == 100 + len(np.unique(index[scene == 1])) + 100 > 250
