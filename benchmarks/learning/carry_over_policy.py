@@ -27,7 +27,6 @@ from iphyre_jax.train.settings.run import TrainConfig
 
 TRIES: Final = 10  # at each of the forty games ...
 RUNS: Final = 5  # ... and how often these are made
-TEMPERATURE: Final = 1.5  # of the plans that a ranker chooses among
 DTYPE: Final = "float32"
 
 
@@ -49,7 +48,7 @@ class Policy:
         """The agent that tries its plans."""
         if self.ranker is None:
             return PolicyTries(self.config, self.state)
-        return PolicyTries(self.config, self.state, TEMPERATURE, judge_of(self.ranker))
+        return PolicyTries(self.config, self.state, judge=judge_of(self.ranker))
 
     def settings(self) -> dict[str, Any]:
         """What decides its rows, as JSON gives it back."""

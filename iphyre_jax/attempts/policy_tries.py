@@ -28,8 +28,8 @@ from iphyre_jax.train.settings.run import TrainConfig
 TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
 JUDGED: Final = 256  # drawn once for all tries, if they are judged
-JUDGED_TEMPERATURE: Final = 1.5  # of those
-POLICY_WEIGHT: Final = 0.1  # of the logarithm of the policy's probability beside that of the judged chance
+POLICY_WEIGHT: Final = 0.01  # of its log probability beside the log chance; chosen on generated scenes
+LEAST: Final = 1e-9  # judged chance
 APART: Final = 0.2  # s, by which plans of the same blocks must differ ...
 APART_SHARE: Final = 0.1  # ... and as a share of the later time
 
@@ -71,29 +71,30 @@ class PolicyTries:
         distribution = _distribution(agent, self.state, obs)
         greedy = agent.head.mode(distribution)
 
-        def draw(count: int) -> jax.Array:
+        def sample(count: int) -> jax.Array:
             warm = jnp.repeat(jax.nn.log_softmax(distribution / self.temperature), count, axis=0)
             return agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
 
+        def plans_of(raw_actions: jax.Array) -> Floats:
+            return self._seconds(agent.head.action(raw_actions), scene)
+
         tried = [attempt.times for attempt in past]
-        ranked = None
         if self.judge is not None:
-            drawn = jnp.concatenate([greedy, draw(JUDGED)])
-            plans = self._seconds(agent.head.action(drawn), scene)
-            likely = agent.head.log_prob(jnp.repeat(distribution, len(drawn), axis=0), drawn, slot_mask(obs))
-            chance = self.judge(scene, plans + 0.5 / self.config.fps)  # sees the steps' own times
-            score = np.log(chance) + POLICY_WEIGHT * np.asarray(likely, np.float64)
-            ranked = plans[np.argsort(-score, kind="stable")]
+            drawn = jnp.concatenate([greedy, sample(JUDGED)])
+            log_prob = agent.head.log_prob(jnp.repeat(distribution, len(drawn), axis=0), drawn, slot_mask(obs))
+            ranked = self._ranked(scene, plans_of(drawn), np.asarray(log_prob, np.float64))
         for _ in range(k):
-            if ranked is not None:
-                plans = ranked
-            elif tried:
-                plans = self._seconds(agent.head.action(draw(SAMPLES)), scene)
-            else:
-                plans = self._seconds(agent.head.action(greedy), scene)
+            plans = ranked if self.judge is not None else plans_of(sample(SAMPLES) if tried else greedy)
             new = np.all([differs(plans, plan) for plan in tried], axis=0) if tried else np.ones(len(plans))
             tried.append(plans[int(new.argmax())])  # if none differs, the first
         return np.array(tried[len(past) :])
+
+    def _ranked(self, scene: Scene, plans: Floats, log_prob: Floats) -> Floats:
+        """Plans (N, S) s, the best first, with the policy's log probabilities (N,)."""
+        assert self.judge is not None  # noqa: S101 - else there is nothing to rank by
+        chance = self.judge(scene, plans + 0.5 / self.config.fps)  # it sees the steps' own times
+        score = np.log(np.maximum(chance, LEAST)) + POLICY_WEIGHT * log_prob
+        return plans[np.argsort(-score, kind="stable")]
 
     def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:
         """Actions (B, 6) as plans of the scene's blocks, (B, S) s, NaN for never.

@@ -59,7 +59,7 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
         seen.append(plans)
         return 1e-6 + (1 - 2e-6) * np.nan_to_num(plans[:, 0], nan=0.0) / 15  # the later the first block, the better
 
-    agent = PolicyTries(policy.config, policy.state, 1.5, judge)
+    agent = PolicyTries(policy.config, policy.state, 3.0, judge)
     plans = agent(SCENE, 3, np.random.default_rng(0), ())
     assert len(seen) == 1
     assert len(seen[0]) == JUDGED + 1
@@ -70,5 +70,5 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
     assert plans[0, 0] > greedy[0]
     past = [Attempt(plan, False, -20.0, 1, 15.0, None) for plan in plans]
     assert differs(plans, agent(SCENE, 1, np.random.default_rng(0), past)[0]).all()
-    sure = PolicyTries(policy.config, policy.state, 1.5, lambda _, plans: np.full(len(plans), 0.5))
+    sure = PolicyTries(policy.config, policy.state, 3.0, lambda _, plans: np.full(len(plans), 0.5))
     np.testing.assert_array_equal(sure(SCENE, 1, np.random.default_rng(0), ())[0], greedy)  # the likeliest plan
