@@ -179,7 +179,7 @@ results-offline: .venv/.stamp ## train every outcome classifier and write docs/r
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
 carry-over: .venv/.stamp ## train the default agent and what differs from it in one thing, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
-	$(PY) -m benchmarks.learning.carry_over
+	$(PY) -m benchmarks.learning.carry_over --weights iphyre_jax/models/outcome/weights
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped
 	.venv/bin/iphyre-jax sequence compare --weights iphyre_jax/models/sequence/weights

@@ -11,12 +11,11 @@ stopped.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -26,6 +25,19 @@ from rich.console import Console
 from benchmarks.learning.agents import check_settings, finished_run
 from benchmarks.learning.carry_over_document import document
 from benchmarks.learning.carry_over_policy import DTYPE, RUNS, TRIES, Policy, forty_row, held_out_row, settings_of_row
+from benchmarks.learning.carry_over_rows import (
+    FIRST_RANKING,
+    RANKED,
+    REFINEMENTS,
+    ROWS,
+    SCENES,
+    TRAINED_ON,
+    Ranking,
+    members,
+    ranker_config,
+    ranking_of,
+    rows,
+)
 from benchmarks.learning.on_the_fly import counted
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.agents import draw_randomly
@@ -34,31 +46,22 @@ from iphyre_jax.data.generated import generate_scenes, load_generated, save_gene
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
-from iphyre_jax.models.outcome.ranker import trained_ranker
-from iphyre_jax.models.outcome.settings import OutcomeConfig
-from iphyre_jax.models.outcome.settings import settings as outcome_settings
+from iphyre_jax.models.outcome.ranker import stage_folder, trained_ranker
+from iphyre_jax.models.outcome.storage import OutcomeClassifier, load_classifier, save_classifier
 from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
-from iphyre_jax.rules import OFFICIAL_FPS
+from iphyre_jax.scenes import Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
-from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.run import TrainConfig, preset
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
-SCENES: Final = 20_000  # of the pool's file, seed 0
-TRAINED_ON: Final = 19_000  # the first ones; the others are held out
-MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
-EVERY: Final = 64  # topologies at most; the generator knows fewer
-FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
+SHIPPED_RANKED: Final = f"{SHIPPED}-ranked"  # that policy, whose plans the shipped classifiers rank
 Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
 EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
-ENSEMBLE: Final = "ensemble"
-LARGE_BATCH: Final = "large-batch"
-RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -80,6 +83,8 @@ class Arguments:
     """Train what is missing; else only write the document of what is there."""
     test: bool = False
     """Play the forty games with what is trained, and count it."""
+    weights: Path | None = None
+    """Folder for the classifiers that rank plans, once they are trained; by default they are not kept."""
 
     @property
     def rows(self) -> Path:
@@ -87,54 +92,25 @@ class Arguments:
         return self.out / "carry-over"
 
 
-def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
-    """The rows of a rate by name: the default preset, and what differs from it in one thing.
-
-    A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
-    minibatches are of whole scenes. The scenes that ship are the first ones of the pool.
-    """
-    base = replace(preset(), fps=fps, resets=RESETS[fps])
-    large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
-    batch = replace(
-        large,
-        updates=240,
-        episodes_per_scene=2 * base.episodes_per_scene,
-        pool_topologies=EVERY,
-        learner=PPO(learning_rate=6e-4, epochs=3, kl_coef=0.2, minibatch_of="scenes"),
-    )
-    return MappingProxyType(
-        {
-            "default": base,
-            "variations": replace(base, scene_pool=""),
-            "generated": replace(base, variations=0, pool_share=1.0),
-            "large-pool": replace(large, updates=2 * base.updates),
-            LARGE_BATCH: batch,
-            "small-pool": replace(base, pool_scenes=FEWER),
-            "uniform": replace(base, curriculum="uniform"),
-            "small-network": replace(base, hidden_sizes=(64, 64)),
-            ENSEMBLE: base,
-            RANKED: batch,
-        }
-    )
-
-
-def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
-    """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
-    count, run = {ENSEMBLE: (MEMBERS, "default"), RANKED: (1, LARGE_BATCH)}.get(name, (1, name))
-    folder = root / f"{fps}fps" / run
-    return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
-
-
-ROWS: Final = tuple(rows(Path(), OFFICIAL_FPS))  # their names, the same at all rates
-
-
-def pool_file(root: Path) -> Path:
-    """The pool's file; generated if it is missing."""
-    file = root / "pool.npz"
+def pool_file(root: Path, refinement: int = 0) -> Path:
+    """The pool's file, or that of the scenes of a refinement; generated if it is missing."""
+    name, seed = (f"pool-{refinement + 1}", refinement + 1) if refinement else ("pool", 0)  # seed 1: for choices
+    file = root / f"{name}.npz"
     if not file.is_file():
         root.mkdir(parents=True, exist_ok=True)
-        save_generated(generate_scenes(SCENES, journal=root / "pool.parts", report=print), file)
+        save_generated(generate_scenes(SCENES, seed, journal=root / f"{name}.parts", report=print), file)
     return file
+
+
+def fresh_scenes(root: Path, refinement: int) -> tuple[Scene, ...]:
+    """Scenes of a refinement, which nothing has learned from before."""
+    return load_generated(pool_file(root, refinement)).scenes
+
+
+def ranker_of(root: Path, fps: int, learned: Sequence[Scene], ranking: Ranking, console: Console) -> OutcomeClassifier:
+    """The classifier of a rate, which serves all policies; what is missing is trained."""
+    fresh = [partial(fresh_scenes, root, number) for number in range(1, ranking.refinements + 1)]
+    return trained_ranker(root / f"{fps}fps" / RANKED, learned, ranker_config(fps), console, fresh)
 
 
 def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> Policy:
@@ -144,11 +120,6 @@ def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> Poli
         return Policy(*loaded[0])
     configs, states = zip(*loaded, strict=True)
     return Policy(configs[0], ensemble(configs, states))
-
-
-def ranker_config(fps: int) -> OutcomeConfig:
-    """Settings of a rate's ranker, one for all policies of the row."""
-    return replace(outcome_settings("ranker"), fps=fps, resets=RESETS[fps])
 
 
 def trained(folder: Path, config: TrainConfig, console: Console) -> tuple[TrainConfig, State]:
@@ -180,7 +151,7 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
     """
     tasks: list[tuple[Path, str, dict[str, Any], Callable[[], Row]]] = []
     for fps in RESETS:
-        of_rate = {**policies.get(fps, {}), SHIPPED: _shipped(fps)}
+        of_rate = {**policies.get(fps, {}), **_shipped(fps)}
         agents: dict[str, Agent] = {name: one.agent() for name, one in of_rate.items()}
         for name, agent in {"random plans": draw_randomly, **agents}.items():
             settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": DTYPE, "seed": 0, "name": name}
@@ -194,9 +165,25 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
         kept_row(place, name, settings, compute)
 
 
-def _shipped(fps: int) -> Policy:
+def _shipped(fps: int) -> dict[str, Policy]:
+    """The shipped policy at a rate, without and with the classifier that ships for this rate."""
     policy = load_pretrained(SHIPPED)
-    return Policy(replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state)
+    plain = Policy(replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state)
+    ranker = load_classifier(ranker_config(fps).name)
+    return {SHIPPED: plain, SHIPPED_RANKED: replace(plain, ranker=ranker, ranking=Ranking(REFINEMENTS[fps]))}
+
+
+def _ranker_folder(root: Path, fps: int, ranking: Ranking) -> Path | None:
+    """Folder of a rate's classifier; None if it is not trained."""
+    folder = stage_folder(root / f"{fps}fps" / RANKED, ranking.refinements)
+    return folder if ranker_config(fps).name in classifier_names(folder) else None
+
+
+def _ship(root: Path, weights: Path) -> None:
+    """Write the refined classifiers that are trained into a folder."""
+    for fps in RESETS:
+        if (folder := _ranker_folder(root, fps, Ranking(REFINEMENTS[fps]))) is not None:
+            save_classifier(load_classifier(ranker_config(fps).name, folder), weights)
 
 
 def main(arguments: Arguments) -> None:
@@ -215,30 +202,35 @@ def main(arguments: Arguments) -> None:
         folder = _folder(arguments.rows, "held-out", fps)
         kept_row(folder, name, policy.settings(), partial(held_out_row, policy, held_out))
 
-    for fps in tables:
-        keep_held_out(fps, SHIPPED, _shipped(fps))
     for seed, fps in product(range(arguments.seeds), tables):
         for name, plain in tables[fps].items():
             runs_of_row = members(arguments.root, fps, name, plain, seed)
             wanted = arguments.train and (not arguments.only or name in arguments.only)
-            ranker = ranker_config(fps) if name == RANKED else None
+            ranking = ranking_of(name, fps)
+            ranker = ranker_config(fps, ranking.refinements) if ranking else None
             held, forty = (_folder(arguments.rows, scenes, fps) / f"{name}-{seed}.json" for scenes in EVALUATED)
             if held.is_file():
                 first = with_sum(next(iter(runs_of_row.values())))
-                read_row(held, settings_of_row(first, len(runs_of_row), ranker))  # refuses one that is out of date
+                # Refuses one that is out of date.
+                read_row(held, settings_of_row(first, len(runs_of_row), ranker, ranking or FIRST_RANKING))
             known = held.is_file() and (forty.is_file() or not arguments.test)
-            folder = arguments.root / f"{fps}fps" / RANKED
             there = all(is_trained(*run) for run in runs_of_row.items())
-            if ranker is not None:
-                there &= ranker.name in classifier_names(folder)
+            if ranking:
+                there &= _ranker_folder(arguments.root, fps, ranking) is not None
             if known or not (wanted or there):
                 continue
             one = policy_of(runs_of_row, console)
-            if ranker is not None:
-                one = replace(one, ranker=trained_ranker(folder, learned, ranker, console))
+            if ranking:
+                judge = ranker_of(arguments.root, fps, learned, ranking, console)
+                one = replace(one, ranker=judge, ranking=ranking)
             policies[fps][f"{name}-{seed}"] = one
             keep_held_out(fps, f"{name}-{seed}", one)
             _write(arguments, generated.manifest)
+    if arguments.weights is not None:
+        _ship(arguments.root, arguments.weights)
+    for fps in tables:
+        for name, one in _shipped(fps).items():
+            keep_held_out(fps, name, one)
     if arguments.test:
         play_forty(arguments.rows, policies, arguments.out)
     _write(arguments, generated.manifest)
@@ -255,9 +247,10 @@ def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
         {fps: read_rows(_folder(arguments.rows, scenes, fps)) for fps in sorted(RESETS)} for scenes in EVALUATED
     )
     missing = []
-    for (fps, found), name in product(held_out.items(), ROWS):
-        if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
-            missing.append(f"{name} at {fps} steps a second (seeds {', '.join(seeds)})")
+    for fps, found in held_out.items():
+        for name in rows(Path(), fps):
+            if seeds := [str(seed) for seed in range(arguments.seeds) if f"{name}-{seed}" not in found]:
+                missing.append(f"{name} at {fps} steps a second (seeds {', '.join(seeds)})")
     facts = {"pool": {key: manifest[key] for key in ("seed", "scenes", "protocol", "nearest_px")}, **provenance()}
     arguments.out.mkdir(parents=True, exist_ok=True)
     text = document(held_out, forty, missing, arguments.out / COUNTER, facts)

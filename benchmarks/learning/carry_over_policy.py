@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import jax
 
+from benchmarks.learning.carry_over_rows import FIRST_RANKING, Ranking
 from benchmarks.learning.on_the_fly import preferring
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.metrics import best_reward, solved_curve
@@ -38,25 +39,30 @@ class Policy:
         config: settings of its (first) run.
         state: of the algorithm.
         ranker: chooses among its plans.
+        ranking: how.
     """
 
     config: TrainConfig
     state: State
     ranker: OutcomeClassifier | None = None
+    ranking: Ranking = FIRST_RANKING
 
     def agent(self) -> PolicyTries:
         """The agent that tries its plans."""
         if self.ranker is None:
             return PolicyTries(self.config, self.state)
-        return PolicyTries(self.config, self.state, judge=judge_of(self.ranker))
+        weight = self.ranking.policy_weight
+        return PolicyTries(self.config, self.state, judge=judge_of(self.ranker), policy_weight=weight)
 
     def settings(self) -> dict[str, Any]:
         """What decides its rows, as JSON gives it back."""
         count = len(self.state.params.get("members", [self.state]))
-        return settings_of_row(self.config, count, self.ranker.config if self.ranker else None)
+        return settings_of_row(self.config, count, self.ranker.config if self.ranker else None, self.ranking)
 
 
-def settings_of_row(config: TrainConfig, count: int = 1, ranker: OutcomeConfig | None = None) -> dict[str, Any]:
+def settings_of_row(
+    config: TrainConfig, count: int = 1, ranker: OutcomeConfig | None = None, ranking: Ranking = FIRST_RANKING
+) -> dict[str, Any]:
     """Settings of a row, as they come back from JSON: those of the first of its `count` runs, and of its ranker.
 
     Of the pool's path only the name counts: its sum says what is in it, wherever it lies.
@@ -67,6 +73,8 @@ def settings_of_row(config: TrainConfig, count: int = 1, ranker: OutcomeConfig |
         found["members"] = count
     if ranker is not None:
         found["ranker"] = ranker.to_json()
+        if ranking != FIRST_RANKING:  # whose rows do not name it
+            found.update(ranking._asdict())
     return found
 
 

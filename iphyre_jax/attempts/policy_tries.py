@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.attempts.protocol import Attempt
-from iphyre_jax.checks import MAX_SEED, check_positive, show
+from iphyre_jax.checks import MAX_SEED, check_least, check_positive, show
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene
@@ -28,7 +28,7 @@ from iphyre_jax.train.settings.run import TrainConfig
 TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
 JUDGED: Final = 256  # drawn once for all tries, if they are judged
-POLICY_WEIGHT: Final = 0.01  # of its log probability beside the log chance; chosen on generated scenes
+POLICY_WEIGHT: Final = 0.005  # chosen on generated scenes and variations of basic games
 LEAST: Final = 1e-9  # judged chance
 APART: Final = 0.2  # s, by which plans of the same blocks must differ ...
 APART_SHARE: Final = 0.1  # ... and as a share of the later time
@@ -43,22 +43,25 @@ class PolicyTries:
     """An agent for `attempts`, blind or with feedback: it never repeats what was tried, nor nearly.
 
     Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step. With a judge,
-    the greedy plan and samples are tried in the order of log chance + POLICY_WEIGHT * log probability.
+    the greedy plan and samples are tried in the order of log chance + `policy_weight` * log probability.
 
     Attributes:
         config: of the training of a policy in advance with the head "time_grid".
         state: of its algorithm.
         temperature: divides the logarithms of the probabilities; 1 samples as in training, more is more diverse.
         judge: what judges plans, such as `models.outcome.agent.judge_of`; None for no judge.
+        policy_weight: of the policy's log probability beside the judge's log chance.
     """
 
     config: TrainConfig
     state: State
     temperature: float = TEMPERATURE
     judge: Judge | None = None
+    policy_weight: float = POLICY_WEIGHT
 
     def __post_init__(self) -> None:
         check_positive("temperature", self.temperature)
+        check_least("policy_weight", self.policy_weight, 0)
         if self.config.strategy != "in-advance" or self.config.head != "time_grid":
             got = f"{self.config.strategy}, {self.config.head}"
             raise ValueError(f"config: expected a policy in advance with the head time_grid, got {show(got)}")
@@ -93,7 +96,7 @@ class PolicyTries:
         """Plans (N, S) s, the best first, with the policy's log probabilities (N,)."""
         assert self.judge is not None  # noqa: S101 - else there is nothing to rank by
         chance = self.judge(scene, plans + 0.5 / self.config.fps)  # it sees the steps' own times
-        score = np.log(np.maximum(chance, LEAST)) + POLICY_WEIGHT * log_prob
+        score = np.log(np.maximum(chance, LEAST)) + self.policy_weight * log_prob
         return plans[np.argsort(-score, kind="stable")]
 
     def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:

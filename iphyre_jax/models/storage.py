@@ -188,15 +188,28 @@ class WeightFiles(Generic[S]):
         Raises:
             ValueError: one line; the name is unknown, or its files are damaged.
         """
-        described, arrays = folder / f"{name}.json", folder / f"{name}.npz"
-        if not (described.is_file() and arrays.is_file()):
-            known = ", ".join(self.names(folder)) or "none"
-            raise ValueError(f"{self.what}: expected one of {known}; got {show(name)}")
-        content = read_versioned(described, self.schema, (VERSION,))
-        config = settings_of(self.kind, content.get("settings"), str(described))
+        config, content = self._described(folder, name)
+        arrays = folder / f"{name}.npz"
         verify_sum(arrays, content.get("sha256"))
         like = jax.eval_shape(lambda: start(config))
         return config, restored(read_npz(arrays, self.max_bytes), like, arrays), content.get("origin", {})
+
+    def config(self, folder: Path, name: str) -> S:
+        """Settings of a model, whose parameters are not read.
+
+        Raises:
+            ValueError: one line; the name is unknown, or the description is damaged.
+        """
+        return self._described(folder, name)[0]
+
+    def _described(self, folder: Path, name: str) -> tuple[S, Mapping[str, Any]]:
+        """Settings and content of NAME.json."""
+        described = folder / f"{name}.json"
+        if not (described.is_file() and (folder / f"{name}.npz").is_file()):
+            known = ", ".join(self.names(folder)) or "none"
+            raise ValueError(f"{self.what}: expected one of {known}; got {show(name)}")
+        content = read_versioned(described, self.schema, (VERSION,))
+        return settings_of(self.kind, content.get("settings"), str(described)), content
 
 
 def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | None:

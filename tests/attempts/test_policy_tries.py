@@ -72,3 +72,7 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
     assert differs(plans, agent(SCENE, 1, np.random.default_rng(0), past)[0]).all()
     sure = PolicyTries(policy.config, policy.state, 3.0, lambda _, plans: np.full(len(plans), 0.5))
     np.testing.assert_array_equal(sure(SCENE, 1, np.random.default_rng(0), ())[0], greedy)  # the likeliest plan
+    heavy = PolicyTries(policy.config, policy.state, 3.0, judge, policy_weight=1e6)
+    np.testing.assert_array_equal(heavy(SCENE, 1, np.random.default_rng(0), ())[0], greedy)
+    with pytest.raises(ValueError, match=r"^policy_weight: expected a finite number of at least 0, got -1"):
+        PolicyTries(policy.config, policy.state, policy_weight=-1.0)

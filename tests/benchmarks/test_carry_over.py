@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.learning import carry_over, carry_over_policy
+from benchmarks.learning import carry_over, carry_over_policy, carry_over_rows
 from benchmarks.learning.carry_over_document import document
 from benchmarks.learning.carry_over_policy import Policy, first_tries, greedy_scores, settings_of_row
+from benchmarks.learning.carry_over_rows import Ranking
 from iphyre_jax.attempts.policy_tries import JUDGED
 from iphyre_jax.files import read_json_object
 from iphyre_jax.models.outcome.storage import load_classifier
@@ -29,7 +30,9 @@ DIFFER = {
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},
     "ensemble": set(),
+    "refined-default": set(),
     "ranked": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
+    "refined": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
 }
 
 
@@ -48,41 +51,50 @@ def held(reward: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("fps", [10, 60])
 def test_rows_differ_in_one_thing(fps: int) -> None:
-    table = carry_over.rows(Path("pool.npz"), fps)
+    table = carry_over_rows.rows(Path("pool.npz"), fps)
     base = table["default"]
     for name, config in table.items():
         config.check()
         assert config.fps == fps
         assert config.training_games == SPLITS["basic"]
-        assert config.pool_scenes <= carry_over.TRAINED_ON < carry_over.SCENES or not config.scene_pool
+        assert config.pool_scenes <= carry_over_rows.TRAINED_ON < carry_over_rows.SCENES or not config.scene_pool
         differ = {one.name for one in fields(base) if getattr(base, one.name) != getattr(config, one.name)}
         assert differ == DIFFER[name]
 
 
 def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
-    here, there = (carry_over.rows(Path(root) / "pool.npz", 10)["large-pool"] for root in ("here", "there"))
+    here, there = (carry_over_rows.rows(Path(root) / "pool.npz", 10)["large-pool"] for root in ("here", "there"))
     assert here != there
     assert settings_of_row(here) == settings_of_row(there)
     assert settings_of_row(here) != settings_of_row(replace(there, pool_sha256="1"))
 
 
 def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
-    plain = carry_over.rows(Path("pool.npz"), 10)["ensemble"]
-    runs = [carry_over.members(Path(), 10, "ensemble", plain, seed) for seed in range(5)]
+    plain = carry_over_rows.rows(Path("pool.npz"), 10)["ensemble"]
+    runs = [carry_over_rows.members(Path(), 10, "ensemble", plain, seed) for seed in range(5)]
     folders = [folder for one in runs for folder in one]
-    assert folders == [Path("10fps/default") / f"seed-{seed}" for seed in range(5 * carry_over.MEMBERS)]
-    assert [config.seed for one in runs for config in one.values()] == list(range(5 * carry_over.MEMBERS))
-    assert carry_over.members(Path(), 60, "uniform", plain, 3) == {Path("60fps/uniform/seed-3"): replace(plain, seed=3)}
+    assert folders == [Path("10fps/default") / f"seed-{seed}" for seed in range(5 * carry_over_rows.MEMBERS)]
+    assert [config.seed for one in runs for config in one.values()] == list(range(5 * carry_over_rows.MEMBERS))
+    assert carry_over_rows.members(Path(), 60, "uniform", plain, 3) == {
+        Path("60fps/uniform/seed-3"): replace(plain, seed=3)
+    }
 
 
-def test_the_ranker_has_the_policies_of_large_batch() -> None:
-    plain = carry_over.rows(Path("pool.npz"), 10)
-    runs = [carry_over.members(Path(), 10, name, plain[name], 2) for name in ("large-batch", "ranked")]
-    assert runs[0] == runs[1] != {}
+def test_ranked_rows_have_the_policies_of_others() -> None:
+    plain = carry_over_rows.rows(Path("pool.npz"), 10)
+    for pair in (("large-batch", "ranked"), ("large-batch", "refined"), ("default", "refined-default")):
+        runs = [carry_over_rows.members(Path(), 10, name, plain[name], 2) for name in pair]
+        assert runs[0] == runs[1] != {}
     config = plain["ranked"]
-    rankers = [carry_over.ranker_config(fps) for fps in (10, 60)]
-    assert [(one.fps, one.resets) for one in rankers] == [(10, 2), (60, 1)]
+    rankers = [carry_over_rows.ranker_config(fps, count) for fps in (10, 60) for count in (0, 2)]
+    assert [(one.fps, one.resets, one.epochs) for one in rankers] == [
+        (10, 2, 80),
+        (10, 2, 40),
+        (60, 1, 80),
+        (60, 1, 40),
+    ]
     rows = [settings_of_row(config, ranker=ranker) for ranker in (None, *rankers)]
+    rows += [settings_of_row(config, 1, rankers[1], ranking) for ranking in (Ranking(1), Ranking(2), Ranking(2, 0.1))]
     assert all(one != other for one, other in combinations(rows, 2))
 
 
@@ -133,5 +145,5 @@ def test_the_forty_are_played_once_and_counted(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(carry_over, "forty_row", play)
     for _ in range(2):
         carry_over.play_forty(tmp_path, {}, tmp_path)
-    assert sorted(played) == [10, 10, 60, 60]  # random plans and the shipped policy
+    assert sorted(played) == [10, 10, 10, 60, 60, 60]  # random plans, and the shipped policy without and with rankers
     assert read_json_object(tmp_path / carry_over.COUNTER) == {"runs": 1}

@@ -22,6 +22,7 @@ from iphyre_jax.models.outcome.training import (
     History,
     Material,
     OutcomeState,
+    Params,
     chosen,
     parameter_count,
     predict,
@@ -44,7 +45,14 @@ def material_of(config: OutcomeConfig, learned: Dataset, held: Dataset) -> Mater
     return Material(*jax.tree.map(jnp.asarray, parts))
 
 
-def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, console: Console) -> OutcomeState:
+def train(
+    folder: Path,
+    config: OutcomeConfig,
+    learned: Dataset,
+    held: Dataset,
+    console: Console,
+    params: Params | None = None,
+) -> OutcomeState:
     """Train the networks of a row, or what is left of it.
 
     Args:
@@ -53,6 +61,7 @@ def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, 
         learned: plays to learn from.
         held: plays to choose the epoch by.
         console: for the progress bar.
+        params: of trained networks, to go on from; None to begin anew.
 
     Raises:
         ValueError: one line; the folder holds another run, or a damaged one.
@@ -62,7 +71,7 @@ def train(folder: Path, config: OutcomeConfig, learned: Dataset, held: Dataset, 
     with locked(folder):
         storage.RUNS.create(folder, config, plays={"count": len(learned), "sha256": storage.plays_sum(learned)})
         material = material_of(config, learned, held)
-        state, history = start(config, material), History(*[jnp.zeros((0, config.seeds))] * 3)
+        state, history = start(config, material, params), History(*[jnp.zeros((0, config.seeds))] * 3)
         if (saved := storage.load(folder, state)) is not None:
             state, history = saved
         with training_progress(console) as progress:

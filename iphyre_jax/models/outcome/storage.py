@@ -97,6 +97,11 @@ def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     return FILES.names(folder)
 
 
+def rankers(folder: Path = WEIGHTS) -> tuple[str, ...]:
+    """The names of those that rank a policy's plans, a scene at a time; `attempts.policy_tries` plays them."""
+    return tuple(name for name in names(folder) if FILES.config(folder, name).network == "ranker")
+
+
 def rounded(params: Params, seed: int) -> Params:
     """One network of several, rounded to what ships: float16."""
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf[seed : seed + 1], np.float16), leaf.dtype), params)

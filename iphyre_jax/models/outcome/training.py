@@ -20,6 +20,7 @@ from iphyre_jax.models.outcome.settings import OutcomeConfig
 
 BLOCK: Final = 2048  # plans judged at once
 GROUP: Final = 128  # plans of one scene judged at once, or a multiple of these
+SCENES: Final = 20  # judged at once, each with its group of plans
 
 Params = Any  # a network's tree of arrays
 
@@ -69,8 +70,8 @@ def _optimizer(config: OutcomeConfig, plays: int) -> optax.GradientTransformatio
     return optax.adam(rate)
 
 
-def start(config: OutcomeConfig, material: Material) -> OutcomeState:
-    """The state before the first epoch."""
+def start(config: OutcomeConfig, material: Material, params: Params | None = None) -> OutcomeState:
+    """The state before the first epoch, with new parameters or those of trained networks of as many seeds."""
     first = jax.tree.map(lambda leaf: jnp.asarray(leaf[:1]), material.train)
 
     def one(seed: jax.Array) -> OutcomeState:
@@ -79,7 +80,11 @@ def start(config: OutcomeConfig, material: Material) -> OutcomeState:
         moments = _optimizer(config, len(material.train.label)).init(params)
         return OutcomeState(params, moments, params, jnp.float32(math.inf), jnp.int32(0))
 
-    return jax.jit(jax.vmap(one))(jnp.arange(config.seeds, dtype=jnp.uint32))
+    state: OutcomeState = jax.jit(jax.vmap(one))(jnp.arange(config.seeds, dtype=jnp.uint32))
+    if params is None:
+        return state
+    given = jax.tree.map(jnp.array, params)
+    return state._replace(params=given, best=given)
 
 
 def logits(config: OutcomeConfig, params: Params, scenes: Scenes, game: jax.Array, plans: Plans) -> jax.Array:
@@ -198,7 +203,22 @@ def predict_for(config: OutcomeConfig, params: Params, scenes: Scenes, plans: Pl
     index = np.arange(-(-count // GROUP) * GROUP)
     index = np.where(index < count, index, 0)
     group = Plans(*(np.asarray(part)[None, index] for part in plans))
-    return np.asarray(_judge(config, params, scenes, np.zeros(1, np.int32), group), np.float64)[:, 0, :count]
+    return predict_groups(config, params, scenes, group)[:, 0, :count]
+
+
+def predict_groups(config: OutcomeConfig, params: Params, scenes: Scenes, plans: Plans) -> npt.NDArray[np.float64]:
+    """The chance of success that rankers of K seeds give P plans (S, P, 12) of each of S scenes, (K, S, P)."""
+    found = []
+    for first in range(0, len(scenes.rows), SCENES):
+        part = slice(first, first + SCENES)
+        some, of_these = jax.tree.map(partial(_rows, part), (scenes, plans))
+        game = np.arange(len(some.rows), dtype=np.int32)
+        found.append(np.asarray(_judge(config, params, some, game, of_these), np.float64))
+    return np.concatenate(found, axis=1)
+
+
+def _rows(part: slice, leaf: npt.ArrayLike) -> jax.Array:
+    return jnp.asarray(leaf)[part]
 
 
 def chosen(config: OutcomeConfig, state: OutcomeState) -> Params:

@@ -106,7 +106,7 @@ def test_swinging_rate() -> None:
 def test_what_ships_loads_and_judges(name: str) -> None:
     loaded = storage.load_classifier(name)
     assert loaded.config.name == name
-    assert 0.5 < loaded.origin["accuracy"]["held-out basic"] < 1
+    assert name in storage.rankers() or 0.5 < loaded.origin["accuracy"]["held-out basic"] < 1
     chances = runs.judge(loaded.config, loaded.params, HELD)
     assert chances.shape == (1, len(HELD))
     assert ((chances >= 0) & (chances <= 1)).all()

@@ -50,7 +50,11 @@ def wide_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
 def pool_scenes(generated: Sequence[Scene]) -> list[Scene]:
     """Generated scenes, basic games and variations, those of a topology together: so they are played in fewer calls."""
     varied = [scene for game in SPLITS["basic"] for scene in (load_scene(game), *scenes_of(game, VARIED, 0))]
-    scenes = [*generated, *varied]
+    return by_topology([*generated, *varied])
+
+
+def by_topology(scenes: Sequence[Scene]) -> list[Scene]:
+    """Scenes, those of a topology together, else in order."""
     topologies = [topology_of(scene) for scene in scenes]
     number = {topology: k for k, topology in enumerate(dict.fromkeys(topologies))}
     order = sorted(range(len(scenes)), key=lambda k: number[topologies[k]])

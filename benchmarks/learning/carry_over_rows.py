@@ -1,0 +1,99 @@
+"""The rows that `benchmarks.learning.carry_over` compares: settings, runs and classifiers of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from iphyre_jax.analyses.oracle import RESETS
+from iphyre_jax.attempts.policy_tries import POLICY_WEIGHT
+from iphyre_jax.models.outcome.ranker import refined
+from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.models.outcome.settings import settings as outcome_settings
+from iphyre_jax.rules import OFFICIAL_FPS
+from iphyre_jax.train.settings.agents import PPO
+from iphyre_jax.train.settings.run import TrainConfig, preset
+
+SCENES: Final = 20_000  # of the pool's file, seed 0
+TRAINED_ON: Final = 19_000  # the first ones; the others are held out
+MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
+EVERY: Final = 64  # topologies at most; the generator knows fewer
+FEWER: Final = 1_000  # of those that ship, for the row with a small pool
+DEFAULT: Final = "default"
+ENSEMBLE: Final = "ensemble"  # policies of the default preset as one
+LARGE_BATCH: Final = "large-batch"
+RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
+REFINED: Final = "refined"  # the same policies, and a classifier that learned from its mistakes as well
+REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
+
+
+REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier
+
+
+class Ranking(NamedTuple):
+    """How a classifier ranks the plans of a row's policies."""
+
+    refinements: int
+    policy_weight: float = POLICY_WEIGHT
+
+
+FIRST_RANKING: Final = Ranking(0, 0.01)  # of the first ranked rows
+
+
+def ranking_of(name: str, fps: int) -> Ranking | None:
+    """How the plans of a row are ranked; None if they are not."""
+    later = Ranking(REFINEMENTS[fps])
+    return {RANKED: FIRST_RANKING, REFINED: later, REFINED_DEFAULT: later}.get(name)
+
+
+def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
+    """The rows of a rate by name: the default preset, and what differs from it in one thing.
+
+    A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
+    minibatches are of whole scenes. The scenes that ship are the first ones of the pool. REFINED_DEFAULT is there at
+    the rate of the default preset alone.
+    """
+    base = replace(preset(), fps=fps, resets=RESETS[fps])
+    large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
+    batch = replace(
+        large,
+        updates=240,
+        episodes_per_scene=2 * base.episodes_per_scene,
+        pool_topologies=EVERY,
+        learner=PPO(learning_rate=6e-4, epochs=3, kl_coef=0.2, minibatch_of="scenes"),
+    )
+    found = {
+        DEFAULT: base,
+        "variations": replace(base, scene_pool=""),
+        "generated": replace(base, variations=0, pool_share=1.0),
+        "large-pool": replace(large, updates=2 * base.updates),
+        LARGE_BATCH: batch,
+        "small-pool": replace(base, pool_scenes=FEWER),
+        "uniform": replace(base, curriculum="uniform"),
+        "small-network": replace(base, hidden_sizes=(64, 64)),
+        ENSEMBLE: base,
+        RANKED: batch,
+        REFINED: batch,
+        **({REFINED_DEFAULT: base} if fps == preset().fps else {}),
+    }
+    return MappingProxyType(found)
+
+
+def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
+    """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
+    others = {RANKED: LARGE_BATCH, REFINED: LARGE_BATCH, REFINED_DEFAULT: DEFAULT, ENSEMBLE: DEFAULT}
+    count, run = MEMBERS if name == ENSEMBLE else 1, others.get(name, name)
+    folder = root / f"{fps}fps" / run
+    return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
+
+
+def ranker_config(fps: int, refinements: int = 0) -> OutcomeConfig:
+    """Settings of a rate's classifier, or of its refinements."""
+    plain = replace(outcome_settings("ranker"), fps=fps, resets=RESETS[fps])
+    return refined(plain) if refinements else plain
+
+
+ROWS: Final = tuple(rows(Path(), OFFICIAL_FPS))  # all names

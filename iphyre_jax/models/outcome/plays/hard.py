@@ -1,0 +1,63 @@
+"""Plays that a ranker learns most from: fresh scenes, and the random plans that it believes in (hard negatives)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.console import Console
+
+from iphyre_jax.data.dataset import Dataset
+from iphyre_jax.data.labels import PlayProtocol
+from iphyre_jax.models.outcome.plays.augmented import joined, kept_plays, play
+from iphyre_jax.models.outcome.plays.inputs import Plans, plan_inputs, scene_inputs
+from iphyre_jax.models.outcome.plays.pool import PART, by_topology, wide_plans
+from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.models.outcome.training import Params, predict_groups
+from iphyre_jax.scenes import Scene
+
+DRAWN: Final = 160  # random plans of a scene that are judged; of these are played ...
+BEST: Final = 16  # ... those that it believes in most,
+OTHERS: Final = 8  # ... and some of the others
+STREAM: Final = 99  # of random numbers
+
+
+def collect_hard(
+    scenes: Sequence[Scene], config: OutcomeConfig, params: Params, number: int, first: int = 0
+) -> Dataset:
+    """Play the plans of each scene that one ranker believes in, and some others.
+
+    Args:
+        scenes: which it has not learned from; on others its mistakes are few.
+        config: settings of the ranker.
+        params: of the ranker, with an axis of one seed in front.
+        number: of the refinement, 0, 1, ...; each draws other plans.
+        first: index of the first scene, likewise.
+    """
+    rng = np.random.default_rng([STREAM, first, number])
+    times = np.stack([wide_plans(len(scene.eliminable_blocks), DRAWN, rng) for scene in scenes])
+    which = np.repeat(np.arange(len(scenes), dtype=np.int32), DRAWN)
+    flat = plan_inputs(scenes, which, times.reshape(len(which), -1), config)
+    plans = Plans(*(np.asarray(part).reshape(len(scenes), DRAWN, -1) for part in flat))
+    order = np.argsort(-predict_groups(config, params, scene_inputs(scenes, config), plans)[0], axis=1)
+    others = np.stack([rng.choice(row[BEST:], OTHERS, replace=False) for row in order])
+    played = np.concatenate([order[:, :BEST], others], axis=1)
+    times = np.take_along_axis(times, played[..., None], axis=1).reshape(played.size, -1)
+    which = np.repeat(np.arange(len(scenes), dtype=np.int32), BEST + OTHERS)
+    protocol = PlayProtocol(config.fps, "in_advance", config.resets)
+    return play(scenes, which, times, np.arange(len(which), dtype=np.int32), protocol)
+
+
+def hard_plays(
+    fresh: Sequence[Scene], config: OutcomeConfig, params: Params, number: int, folder: Path, console: Console
+) -> Dataset:
+    """`collect_hard` of all scenes; what is missing in the folder that keeps the plays is played."""
+    scenes, parts = by_topology(fresh), []
+    for first in range(0, len(scenes), PART):
+        title = f"playing what the ranker believes in, scenes {first} to {min(first + PART, len(scenes))}"
+        collect = partial(collect_hard, scenes[first : first + PART], config, params, number, first)
+        parts.append(kept_plays(folder, f"part-{first // PART:03d}", title, collect, console))
+    return joined(parts)
