@@ -51,8 +51,8 @@ class Policy:
         """The agent that tries its plans."""
         if self.ranker is None:
             return PolicyTries(self.config, self.state)
-        weight = self.ranking.policy_weight
-        return PolicyTries(self.config, self.state, judge=judge_of(self.ranker), policy_weight=weight)
+        weights = {"policy_weight": self.ranking.policy_weight, "greedy_bonus": self.ranking.greedy_bonus}
+        return PolicyTries(self.config, self.state, judge=judge_of(self.ranker), **weights)
 
     def settings(self) -> dict[str, Any]:
         """What decides its rows, as JSON gives it back."""
@@ -74,7 +74,7 @@ def settings_of_row(
     if ranker is not None:
         found["ranker"] = ranker.to_json()
         if ranking != FIRST_RANKING:  # whose rows do not name it
-            found.update(ranking._asdict())
+            found.update({key: value for key, value in ranking._asdict().items() if key != "greedy_bonus" or value})
     return found
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from iphyre_jax.analyses.oracle import RESETS
-from iphyre_jax.attempts.policy_tries import POLICY_WEIGHT
+from iphyre_jax.attempts.policy_tries import GREEDY_BONUS, POLICY_WEIGHT
 from iphyre_jax.models.outcome.ranker import refined
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.settings import settings as outcome_settings
@@ -27,6 +27,7 @@ ENSEMBLE: Final = "ensemble"  # policies of the default preset as one
 LARGE_BATCH: Final = "large-batch"
 RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
 REFINED: Final = "refined"  # the same policies, and a classifier that learned from its mistakes as well
+CONFIDENT: Final = "confident"  # those, and a greedy plan that the policy is sure of gains
 REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
 
 
@@ -38,15 +39,17 @@ class Ranking(NamedTuple):
 
     refinements: int
     policy_weight: float = POLICY_WEIGHT
+    greedy_bonus: float = GREEDY_BONUS
 
 
-FIRST_RANKING: Final = Ranking(0, 0.01)  # of the first ranked rows
+FIRST_RANKING: Final = Ranking(0, 0.01, 0.0)  # of the first ranked rows
 
 
 def ranking_of(name: str, fps: int) -> Ranking | None:
     """How the plans of a row are ranked; None if they are not."""
-    later = Ranking(REFINEMENTS[fps])
-    return {RANKED: FIRST_RANKING, REFINED: later, REFINED_DEFAULT: later}.get(name)
+    best = Ranking(REFINEMENTS[fps])
+    plain = best._replace(greedy_bonus=0.0)
+    return {RANKED: FIRST_RANKING, REFINED: plain, REFINED_DEFAULT: plain, CONFIDENT: best}.get(name)
 
 
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
@@ -77,6 +80,7 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
         ENSEMBLE: base,
         RANKED: batch,
         REFINED: batch,
+        CONFIDENT: batch,
         **({REFINED_DEFAULT: base} if fps == preset().fps else {}),
     }
     return MappingProxyType(found)
@@ -84,7 +88,13 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
 
 def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
     """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
-    others = {RANKED: LARGE_BATCH, REFINED: LARGE_BATCH, REFINED_DEFAULT: DEFAULT, ENSEMBLE: DEFAULT}
+    others = {
+        RANKED: LARGE_BATCH,
+        REFINED: LARGE_BATCH,
+        CONFIDENT: LARGE_BATCH,
+        REFINED_DEFAULT: DEFAULT,
+        ENSEMBLE: DEFAULT,
+    }
     count, run = MEMBERS if name == ENSEMBLE else 1, others.get(name, name)
     folder = root / f"{fps}fps" / run
     return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}

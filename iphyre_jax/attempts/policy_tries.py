@@ -29,6 +29,7 @@ TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of 
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
 JUDGED: Final = 256  # drawn once for all tries, if they are judged
 POLICY_WEIGHT: Final = 0.005  # chosen on generated scenes and variations of basic games
+GREEDY_BONUS: Final = 0.8  # chosen on these too: without it a policy loses games that it was trained on
 LEAST: Final = 1e-9  # judged chance
 APART: Final = 0.2  # s, by which plans of the same blocks must differ ...
 APART_SHARE: Final = 0.1  # ... and as a share of the later time
@@ -43,7 +44,9 @@ class PolicyTries:
     """An agent for `attempts`, blind or with feedback: it never repeats what was tried, nor nearly.
 
     Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step. With a judge,
-    the greedy plan and samples are tried in the order of log chance + `policy_weight` * log probability.
+    the greedy plan and samples are tried in the order of log chance + `policy_weight` * log probability. The greedy
+    plan has `greedy_bonus` * probability more: a policy that is sure of its plan, as of a game that it was trained on,
+    keeps it.
 
     Attributes:
         config: of the training of a policy in advance with the head "time_grid".
@@ -51,6 +54,7 @@ class PolicyTries:
         temperature: divides the logarithms of the probabilities; 1 samples as in training, more is more diverse.
         judge: what judges plans, such as `models.outcome.agent.judge_of`; None for no judge.
         policy_weight: of the policy's log probability beside the judge's log chance.
+        greedy_bonus: of the greedy plan, times the policy's probability of it.
     """
 
     config: TrainConfig
@@ -58,10 +62,12 @@ class PolicyTries:
     temperature: float = TEMPERATURE
     judge: Judge | None = None
     policy_weight: float = POLICY_WEIGHT
+    greedy_bonus: float = GREEDY_BONUS
 
     def __post_init__(self) -> None:
         check_positive("temperature", self.temperature)
         check_least("policy_weight", self.policy_weight, 0)
+        check_least("greedy_bonus", self.greedy_bonus, 0)
         if self.config.strategy != "in-advance" or self.config.head != "time_grid":
             got = f"{self.config.strategy}, {self.config.head}"
             raise ValueError(f"config: expected a policy in advance with the head time_grid, got {show(got)}")
@@ -93,10 +99,11 @@ class PolicyTries:
         return np.array(tried[len(past) :])
 
     def _ranked(self, scene: Scene, plans: Floats, log_prob: Floats) -> Floats:
-        """Plans (N, S) s, the best first, with the policy's log probabilities (N,)."""
+        """Plans (N, S) s, the best first, with the policy's log probabilities (N,); the greedy one was the first."""
         assert self.judge is not None  # noqa: S101 - else there is nothing to rank by
         chance = self.judge(scene, plans + 0.5 / self.config.fps)  # it sees the steps' own times
         score = np.log(np.maximum(chance, LEAST)) + self.policy_weight * log_prob
+        score[0] += self.greedy_bonus * np.exp(log_prob[0])
         return plans[np.argsort(-score, kind="stable")]
 
     def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:

@@ -59,7 +59,7 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
         seen.append(plans)
         return 1e-6 + (1 - 2e-6) * np.nan_to_num(plans[:, 0], nan=0.0) / 15  # the later the first block, the better
 
-    agent = PolicyTries(policy.config, policy.state, 3.0, judge)
+    agent = PolicyTries(policy.config, policy.state, 3.0, judge, greedy_bonus=0.0)
     plans = agent(SCENE, 3, np.random.default_rng(0), ())
     assert len(seen) == 1
     assert len(seen[0]) == JUDGED + 1
@@ -74,5 +74,9 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
     np.testing.assert_array_equal(sure(SCENE, 1, np.random.default_rng(0), ())[0], greedy)  # the likeliest plan
     heavy = PolicyTries(policy.config, policy.state, 3.0, judge, policy_weight=1e6)
     np.testing.assert_array_equal(heavy(SCENE, 1, np.random.default_rng(0), ())[0], greedy)
+    bold = PolicyTries(policy.config, policy.state, 3.0, judge, greedy_bonus=1e6)
+    np.testing.assert_array_equal(bold(SCENE, 1, np.random.default_rng(0), ())[0], greedy)
+    with pytest.raises(ValueError, match=r"^greedy_bonus: expected a finite number of at least 0, got -1"):
+        PolicyTries(policy.config, policy.state, greedy_bonus=-1.0)
     with pytest.raises(ValueError, match=r"^policy_weight: expected a finite number of at least 0, got -1"):
         PolicyTries(policy.config, policy.state, policy_weight=-1.0)

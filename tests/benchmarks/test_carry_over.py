@@ -33,6 +33,7 @@ DIFFER = {
     "refined-default": set(),
     "ranked": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
     "refined": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
+    "confident": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
 }
 
 
@@ -82,7 +83,12 @@ def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
 
 def test_ranked_rows_have_the_policies_of_others() -> None:
     plain = carry_over_rows.rows(Path("pool.npz"), 10)
-    for pair in (("large-batch", "ranked"), ("large-batch", "refined"), ("default", "refined-default")):
+    for pair in (
+        ("large-batch", "ranked"),
+        ("large-batch", "refined"),
+        ("large-batch", "confident"),
+        ("default", "refined-default"),
+    ):
         runs = [carry_over_rows.members(Path(), 10, name, plain[name], 2) for name in pair]
         assert runs[0] == runs[1] != {}
     config = plain["ranked"]
@@ -94,7 +100,10 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
         (60, 1, 40),
     ]
     rows = [settings_of_row(config, ranker=ranker) for ranker in (None, *rankers)]
-    rows += [settings_of_row(config, 1, rankers[1], ranking) for ranking in (Ranking(1), Ranking(2), Ranking(2, 0.1))]
+    rows += [
+        settings_of_row(config, 1, rankers[1], ranking)
+        for ranking in (Ranking(1), Ranking(2), Ranking(2, 0.1), Ranking(2, greedy_bonus=0))
+    ]
     assert all(one != other for one, other in combinations(rows, 2))
 
 
