@@ -41,8 +41,15 @@ def reward(page: str, row: str, split: str) -> str:
     return cells(page, row, "### Greedy actions")[COLUMNS[split]].split()[0]
 
 
-def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, str]]:
-    """The rows of the table from the texts of performance.md, parity.md and results.md."""
+def ranked(carry_over: str) -> tuple[str, str, str]:
+    """At 60 fps: first try and best of five of policies whose plans a classifier ranks, and people's best of five."""
+    at_60 = carry_over[carry_over.index("### 60 steps a second, reset 1") :]
+    first, (_, _, five, *_) = cells(at_60, "refined")[5], cells(at_60, "refined", "| best of |")
+    return first.split()[0], five.split()[0], cells(at_60, "people")[2]
+
+
+def figures(performance: str, parity: str, results: str, carry_over: str) -> Iterable[tuple[str, str]]:
+    """The rows of the table from the texts of performance.md, parity.md, results.md and carry-over.md."""
     for dtype, of in (("float32", " pymunk's bare `Space.step`"), ("float64", "")):
         speed, ratio = cells(performance, f"this project, {dtype}", "## Engines")
         rate = f"{speed} million steps a second, {float(ratio):.1f} times{of}"
@@ -65,6 +72,11 @@ def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, 
         "the same, all forty games, thirty of them never trained on",
         f"{everything[0]}; the paper has {everything[1]}",
     )
+    first, five, people = ranked(carry_over)
+    yield (
+        "all forty, plans ranked by a classifier, 60 steps a second",
+        f"{first}, best of five {five}; people {people}",
+    )
     seconds = cells(results, quick, "### Time")[2]
     scores = "; ".join(reward(results, quick, split) for split in ("basic", "all"))
     yield f"`--preset quick`, the ten basic games after {seconds} s of training; all forty", scores
@@ -72,7 +84,7 @@ def figures(performance: str, parity: str, results: str) -> Iterable[tuple[str, 
 
 def with_figures(readme: str, folder: Path) -> str:
     """The text of the README with the figures of the documents in a folder."""
-    pages = [(folder / f"{name}.md").read_text("utf-8") for name in ("performance", "parity", "results")]
+    pages = [(folder / f"{name}.md").read_text("utf-8") for name in ("performance", "parity", "results", "carry-over")]
     before, after = readme.split(HEADING)
     rest = re.sub(r"\A(\|.*\n)+", "", after)
     return before + HEADING + "".join(f"| {what} | {figure} |\n" for what, figure in figures(*pages)) + rest
