@@ -29,8 +29,6 @@ RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
 REFINED: Final = "refined"  # the same policies, and a classifier that learned from its mistakes as well
 CONFIDENT: Final = "confident"  # those, and a greedy plan that the policy is sure of gains
 REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
-
-
 REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier
 
 
