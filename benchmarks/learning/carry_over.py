@@ -26,7 +26,6 @@ from benchmarks.learning.agents import check_settings, finished_run
 from benchmarks.learning.carry_over_document import document
 from benchmarks.learning.carry_over_policy import DTYPE, RUNS, TRIES, Policy, forty_row, held_out_row, settings_of_row
 from benchmarks.learning.carry_over_rows import (
-    FIRST_RANKING,
     RANKED,
     REFINEMENTS,
     ROWS,
@@ -212,7 +211,7 @@ def main(arguments: Arguments) -> None:
             if held.is_file():
                 first = with_sum(next(iter(runs_of_row.values())))
                 # Refuses one that is out of date.
-                read_row(held, settings_of_row(first, len(runs_of_row), ranker, ranking or FIRST_RANKING))
+                read_row(held, settings_of_row(first, len(runs_of_row), ranker, ranking))
             known = held.is_file() and (forty.is_file() or not arguments.test)
             there = all(is_trained(*run) for run in runs_of_row.items())
             if ranking:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import jax
 
-from benchmarks.learning.carry_over_rows import FIRST_RANKING, Ranking
+from benchmarks.learning.carry_over_rows import Ranking
 from benchmarks.learning.on_the_fly import preferring
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.metrics import best_reward, solved_curve
@@ -38,18 +38,18 @@ class Policy:
     Attributes:
         config: settings of its (first) run.
         state: of the algorithm.
-        ranker: chooses among its plans.
-        ranking: how.
+        ranker: chooses among its plans ...
+        ranking: ... like this.
     """
 
     config: TrainConfig
     state: State
     ranker: OutcomeClassifier | None = None
-    ranking: Ranking = FIRST_RANKING
+    ranking: Ranking | None = None
 
     def agent(self) -> PolicyTries:
         """The agent that tries its plans."""
-        if self.ranker is None:
+        if self.ranker is None or self.ranking is None:
             return PolicyTries(self.config, self.state)
         weights = {"policy_weight": self.ranking.policy_weight, "greedy_bonus": self.ranking.greedy_bonus}
         return PolicyTries(self.config, self.state, judge=judge_of(self.ranker), **weights)
@@ -61,7 +61,7 @@ class Policy:
 
 
 def settings_of_row(
-    config: TrainConfig, count: int = 1, ranker: OutcomeConfig | None = None, ranking: Ranking = FIRST_RANKING
+    config: TrainConfig, count: int = 1, ranker: OutcomeConfig | None = None, ranking: Ranking | None = None
 ) -> dict[str, Any]:
     """Settings of a row, as they come back from JSON: those of the first of its `count` runs, and of its ranker.
 
@@ -71,10 +71,8 @@ def settings_of_row(
     found: dict[str, Any] = {"settings": json.loads(json.dumps(named.to_json()))}
     if count > 1:
         found["members"] = count
-    if ranker is not None:
-        found["ranker"] = ranker.to_json()
-        if ranking != FIRST_RANKING:  # whose rows do not name it
-            found.update({key: value for key, value in ranking._asdict().items() if key != "greedy_bonus" or value})
+    if ranker is not None and ranking is not None:
+        found.update(ranker=ranker.to_json(), **ranking._asdict())
     return found
 
 

@@ -40,14 +40,11 @@ class Ranking(NamedTuple):
     greedy_bonus: float = GREEDY_BONUS
 
 
-FIRST_RANKING: Final = Ranking(0, 0.01, 0.0)  # of the first ranked rows
-
-
 def ranking_of(name: str, fps: int) -> Ranking | None:
     """How the plans of a row are ranked; None if they are not."""
     best = Ranking(REFINEMENTS[fps])
     plain = best._replace(greedy_bonus=0.0)
-    return {RANKED: FIRST_RANKING, REFINED: plain, REFINED_DEFAULT: plain, CONFIDENT: best}.get(name)
+    return {RANKED: Ranking(0, 0.01, 0.0), REFINED: plain, REFINED_DEFAULT: plain, CONFIDENT: best}.get(name)
 
 
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:

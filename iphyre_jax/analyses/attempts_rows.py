@@ -69,8 +69,8 @@ def specifications(fps: int) -> dict[str, Specification]:
     for name in world_models.names() if fps == IMAGINED else ():
         tried = {**plain, **_shipped("world model", name, world_models.WEIGHTS), "k": 5, "runs": 2, "plans": PLANS}
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
-    judges = [name for name in classifiers.names() if name not in classifiers.rankers()]  # rankers: in carry-over
-    for name in judges if fps == CLASSIFIED else ():
+    judges = set(classifiers.names()) - set(classifiers.rankers())  # of random plans; rankers are in carry-over
+    for name in sorted(judges) if fps == CLASSIFIED else ():
         tried = {**plain, **_shipped("classifier", name, classifiers.WEIGHTS), "k": 10, "runs": 5, "plans": CANDIDATES}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
     for name in sequence_models.names() if fps == SEQUENCED else ():

@@ -20,20 +20,21 @@ from iphyre_jax.models.outcome.storage import load_classifier
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
+LARGE_BATCH = {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"}
 DIFFER = {
     "default": set(),
     "variations": {"scene_pool"},
     "generated": {"variations", "pool_share"},
     "large-pool": {"scene_pool", "pool_scenes", "updates"},
-    "large-batch": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
+    "large-batch": LARGE_BATCH,
     "small-pool": {"pool_scenes"},
     "uniform": {"curriculum"},
     "small-network": {"hidden_sizes"},
     "ensemble": set(),
     "refined-default": set(),
-    "ranked": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
-    "refined": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
-    "confident": {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"},
+    "ranked": LARGE_BATCH,
+    "refined": LARGE_BATCH,
+    "confident": LARGE_BATCH,
 }
 
 
@@ -99,7 +100,7 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
         (60, 1, 80),
         (60, 1, 40),
     ]
-    rows = [settings_of_row(config, ranker=ranker) for ranker in (None, *rankers)]
+    rows = [settings_of_row(config, ranker=ranker, ranking=Ranking(0)) for ranker in (None, *rankers)]
     rows += [
         settings_of_row(config, 1, rankers[1], ranking)
         for ranking in (Ranking(1), Ranking(2), Ranking(2, 0.1), Ranking(2, greedy_bonus=0))
@@ -109,7 +110,9 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
 
 def test_a_ranked_policy_plays_what_the_ranker_believes_in(monkeypatch: pytest.MonkeyPatch) -> None:
     shipped = load_pretrained("ppo-i-objects")
-    plain, ranked = (Policy(shipped.config, shipped.state, one) for one in (None, load_classifier("relations")))
+    plain, ranked = (
+        Policy(shipped.config, shipped.state, one, Ranking(0)) for one in (None, load_classifier("relations"))
+    )
     assert settings_of_row(shipped.config) == plain.settings()
     assert plain.settings() != ranked.settings()
     games = ["support", "hole"]

@@ -35,7 +35,7 @@ def trained_ranker(
     """The ranker of a folder; what is missing is played and trained, or the rest of it.
 
     A refinement goes on from the ranker before it. It plays those random plans of fresh scenes that this one believes
-    in, half of which fail, and learns from all plays so far.
+    in, over half of which fail, and learns from all plays so far.
 
     Args:
         folder: of plays, run and network; for these scenes and settings alone. Refinements are in folders of it.

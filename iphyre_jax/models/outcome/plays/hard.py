@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,10 +10,9 @@ import numpy as np
 from rich.console import Console
 
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.data.labels import PlayProtocol
-from iphyre_jax.models.outcome.plays.augmented import joined, kept_plays, play
+from iphyre_jax.models.outcome.plays.augmented import play
 from iphyre_jax.models.outcome.plays.inputs import Plans, plan_inputs, scene_inputs
-from iphyre_jax.models.outcome.plays.pool import PART, by_topology, wide_plans
+from iphyre_jax.models.outcome.plays.pool import by_topology, kept_in_parts, protocol_of, wide_plans
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.training import Params, predict_groups
 from iphyre_jax.scenes import Scene
@@ -47,17 +45,15 @@ def collect_hard(
     played = np.concatenate([order[:, :BEST], others], axis=1)
     times = np.take_along_axis(times, played[..., None], axis=1).reshape(played.size, -1)
     which = np.repeat(np.arange(len(scenes), dtype=np.int32), BEST + OTHERS)
-    protocol = PlayProtocol(config.fps, "in_advance", config.resets)
-    return play(scenes, which, times, np.arange(len(which), dtype=np.int32), protocol)
+    return play(scenes, which, times, np.arange(len(which), dtype=np.int32), protocol_of(config))
 
 
 def hard_plays(
     fresh: Sequence[Scene], config: OutcomeConfig, params: Params, number: int, folder: Path, console: Console
 ) -> Dataset:
     """`collect_hard` of all scenes; what is missing in the folder that keeps the plays is played."""
-    scenes, parts = by_topology(fresh), []
-    for first in range(0, len(scenes), PART):
-        title = f"playing what the ranker believes in, scenes {first} to {min(first + PART, len(scenes))}"
-        collect = partial(collect_hard, scenes[first : first + PART], config, params, number, first)
-        parts.append(kept_plays(folder, f"part-{first // PART:03d}", title, collect, console))
-    return joined(parts)
+
+    def collect(scenes: Sequence[Scene], first: int) -> Dataset:
+        return collect_hard(scenes, config, params, number, first)
+
+    return kept_in_parts(by_topology(fresh), "what the ranker believes in", collect, folder, console)

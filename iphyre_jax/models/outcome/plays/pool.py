@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -64,19 +64,43 @@ def by_topology(scenes: Sequence[Scene]) -> list[Scene]:
 def pool_plays(generated: Sequence[Scene], config: OutcomeConfig, folder: Path, console: Console) -> Dataset:
     """Plays of `pool_scenes`; what is missing in the folder that keeps them is played.
 
-    Ties and times are read as in the agents' environment (the rule "in_advance").
-
     Args:
         generated: scenes; the folder is theirs alone.
         config: rate and reset.
         folder: of the plays.
         console: for progress.
     """
-    scenes = pool_scenes(generated)
-    protocol = PlayProtocol(config.fps, "in_advance", config.resets)
+
+    def collect(scenes: Sequence[Scene], first: int) -> Dataset:
+        return collect_scenes(scenes, PLANS, NEAR, first, protocol_of(config), wide_plans)
+
+    return kept_in_parts(pool_scenes(generated), f"random plans at {config.fps} fps", collect, folder, console)
+
+
+def protocol_of(config: OutcomeConfig) -> PlayProtocol:
+    """How the plays are made: ties and times are read as in the agents' environment (the rule "in_advance")."""
+    return PlayProtocol(config.fps, "in_advance", config.resets)
+
+
+def kept_in_parts(
+    scenes: Sequence[Scene],
+    what: str,
+    collect: Callable[[Sequence[Scene], int], Dataset],
+    folder: Path,
+    console: Console,
+) -> Dataset:
+    """Plays of scenes from the folder that keeps them, PART scenes in a file; what is missing is played.
+
+    Args:
+        scenes: all of them, in the order in which they are cut.
+        what: is played, for the title.
+        collect: plays some scenes, of which the first has this index.
+        folder: of the plays.
+        console: for progress.
+    """
     parts = []
     for first in range(0, len(scenes), PART):
-        title = f"playing scenes {first} to {min(first + PART, len(scenes))} of {len(scenes)} at {config.fps} fps"
-        collect = partial(collect_scenes, scenes[first : first + PART], PLANS, NEAR, first, protocol, wide_plans)
-        parts.append(kept_plays(folder, f"part-{first // PART:03d}", title, collect, console))
+        some = scenes[first : first + PART]
+        title = f"playing {what}: scenes {first} to {first + len(some)} of {len(scenes)}"
+        parts.append(kept_plays(folder, f"part-{first // PART:03d}", title, partial(collect, some, first), console))
     return joined(parts)
