@@ -24,8 +24,11 @@ def main() -> None:
     configuration.configure(devices=1)  # the other cores have processes of their own
     for line in sys.stdin.buffer:
         content = pack_npz(make_chunk(seed, int(line), protocol))
-        answers.write(len(content).to_bytes(LENGTH, "big") + content)
-        answers.flush()
+        try:
+            answers.write(len(content).to_bytes(LENGTH, "big") + content)
+            answers.flush()
+        except BrokenPipeError:  # the other one was killed
+            os._exit(0)  # closing `answers` would raise the same again
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """Generated scenes: what is kept holds what it promises, a run goes on where it stopped, files come back."""
 
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -127,6 +129,16 @@ def test_an_answer_that_is_none_is_an_error(program: str, monkeypatch: pytest.Mo
         process.chunk(1)
     process.end()
     process.end()
+
+
+def test_a_process_whose_reader_was_killed_ends_without_a_word() -> None:
+    program = "from iphyre_jax.data.generated import __main__; __main__.make_chunk = lambda *_: {}; __main__.main()"
+    ended, answers = os.pipe()
+    os.close(ended)
+    command = [sys.executable, "-P", "-c", program, "7", "official"]
+    done = subprocess.run(command, input=b"1\n2\n", stdout=answers, stderr=subprocess.PIPE, timeout=120, check=True)
+    os.close(answers)
+    assert done.stderr == b""
 
 
 def shelf(*bars: tuple[float, float]) -> Scene:
