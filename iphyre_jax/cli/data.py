@@ -17,12 +17,12 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
-from iphyre_jax.data.collection import MAX_DRAWS, PlanPolicy
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
+from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps

@@ -21,11 +21,12 @@ from typing import Any, Final
 
 from iphyre_jax.checks import check_flag, check_option, check_whole, is_list, show
 from iphyre_jax.data.audit import known_plays
-from iphyre_jax.data.collection import Recipe, check_recipe, gather
+from iphyre_jax.data.collection import gather
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_sum
 from iphyre_jax.data.journal import Journal, Report, journal_in
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.pairs import edge_pairs
+from iphyre_jax.data.recipe import Recipe, check_recipe
 from iphyre_jax.data.varied import varied_plays
 from iphyre_jax.execution.compilation.cache_folder import default_folder
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS

@@ -18,11 +18,12 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.compat.objects import block_at
-from iphyre_jax.data.collection import Recipe, build, check_recipe
+from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL
 from iphyre_jax.data.journal import Journal, Report, journal_in
 from iphyre_jax.data.labels import PlayProtocol, label_plans
+from iphyre_jax.data.recipe import Recipe, check_recipe
 from iphyre_jax.data.sequences import rows_by_scene, tables
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT

@@ -14,11 +14,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL, OFFICIAL_SECONDS, Plan, random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import Labels, PlayProtocol, label_plans
+from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.data.search import STALE, play_keys
 from iphyre_jax.scenes import Scene
 

@@ -19,10 +19,11 @@ import numpy as np
 
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.compat.objects import block_at
-from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import PlayProtocol, label_plans
+from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import NEVER, TIME_LIMIT

@@ -8,11 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import label_plans
+from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.scenes import Scene, vary
 
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by, as in training

@@ -18,11 +18,12 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.attempts import agents
-from iphyre_jax.data.collection import Recipe, build
+from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_entry
 from iphyre_jax.data.generated.pool import SHIPPED, load_generated
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import PlayProtocol, label_plans
+from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import MAX_ELIMINABLE, SPLITS, Scene
 from iphyre_jax.train.scenes import variations
