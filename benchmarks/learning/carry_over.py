@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -26,11 +26,13 @@ from benchmarks.learning.agents import check_settings, finished_run
 from benchmarks.learning.carry_over_document import document
 from benchmarks.learning.carry_over_policy import DTYPE, RUNS, TRIES, Policy, forty_row, held_out_row, settings_of_row
 from benchmarks.learning.carry_over_rows import (
+    FRESH_VARIATIONS,
     RANKED,
     REFINEMENTS,
     ROWS,
     SCENES,
     TRAINED_ON,
+    VARIED_FROM,
     Ranking,
     members,
     ranker_config,
@@ -45,11 +47,12 @@ from iphyre_jax.data.generated import generate_scenes, load_generated, save_gene
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
+from iphyre_jax.models.outcome.plays.augmented import scenes_of
 from iphyre_jax.models.outcome.ranker import stage_folder, trained_ranker
 from iphyre_jax.models.outcome.storage import OutcomeClassifier, load_classifier, save_classifier
 from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
-from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes import SPLITS, Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
@@ -61,6 +64,7 @@ SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a se
 SHIPPED_RANKED: Final = f"{SHIPPED}-ranked"  # that policy, whose plans the shipped classifiers rank
 Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
 EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
+SEEDS_APART: Final = 10  # of variations: those of a seed use the next ones too
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 
@@ -103,7 +107,11 @@ def pool_file(root: Path, refinement: int = 0) -> Path:
 
 def fresh_scenes(root: Path, refinement: int) -> tuple[Scene, ...]:
     """Scenes of a refinement, which nothing has learned from before."""
-    return load_generated(pool_file(root, refinement)).scenes
+    fresh = load_generated(pool_file(root, refinement)).scenes
+    if refinement < VARIED_FROM:
+        return fresh
+    varied = (scenes_of(game, FRESH_VARIATIONS, SEEDS_APART * refinement) for game in SPLITS["basic"])
+    return (*fresh, *chain.from_iterable(varied))
 
 
 def ranker_of(root: Path, fps: int, learned: Sequence[Scene], ranking: Ranking, console: Console) -> OutcomeClassifier:

@@ -19,7 +19,6 @@ from iphyre_jax.train.settings.run import TrainConfig, preset
 
 SCENES: Final = 20_000  # of the pool's file, seed 0
 TRAINED_ON: Final = 19_000  # the first ones; the others are held out
-MEMBERS: Final = 4  # policies of an ensemble; five were no better on held-out scenes
 EVERY: Final = 64  # topologies at most; the generator knows fewer
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 DEFAULT: Final = "default"
@@ -29,7 +28,13 @@ RANKED: Final = "ranked"  # those policies, whose plans a classifier ranks
 REFINED: Final = "refined"  # the same policies, and a classifier that learned from its mistakes as well
 CONFIDENT: Final = "confident"  # those, and a greedy plan that the policy is sure of gains
 REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
-REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier
+REFINED_AGAIN: Final = "refined-again"  # those of CONFIDENT, and a classifier refined once more
+PAIRS: Final = "pairs"  # that classifier, and two policies as one
+FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier in the rows before that one
+MEMBERS: Final = MappingProxyType({ENSEMBLE: 4, PAIRS: 2})  # policies as one; 5 and 4 were no better on held-out scenes
+REFINEMENTS: Final = MappingProxyType({10: 3, 60: 1})  # of each rate's classifier that ships
+VARIED_FROM: Final = 3  # the refinement from which on variations of the basic games are among its scenes ...
+FRESH_VARIATIONS: Final = 1_000  # ... so many of each game
 
 
 class Ranking(NamedTuple):
@@ -42,17 +47,25 @@ class Ranking(NamedTuple):
 
 def ranking_of(name: str, fps: int) -> Ranking | None:
     """How the plans of a row are ranked; None if they are not."""
-    best = Ranking(REFINEMENTS[fps])
-    plain = best._replace(greedy_bonus=0.0)
-    return {RANKED: Ranking(0, 0.01, 0.0), REFINED: plain, REFINED_DEFAULT: plain, CONFIDENT: best}.get(name)
+    confident = Ranking(FIRST_REFINEMENTS[fps])
+    plain = confident._replace(greedy_bonus=0.0)
+    found = {
+        RANKED: Ranking(0, 0.01, 0.0),
+        REFINED: plain,
+        REFINED_DEFAULT: plain,
+        CONFIDENT: confident,
+        REFINED_AGAIN: Ranking(REFINEMENTS[fps]),
+        PAIRS: Ranking(REFINEMENTS[fps]),
+    }
+    return found.get(name)
 
 
 def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
     """The rows of a rate by name: the default preset, and what differs from it in one thing.
 
     A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
-    minibatches are of whole scenes. The scenes that ship are the first ones of the pool. REFINED_DEFAULT is there at
-    the rate of the default preset alone.
+    minibatches are of whole scenes. The scenes that ship are the first ones of the pool. REFINED_DEFAULT, REFINED_AGAIN
+    and PAIRS are there at the rate of the default preset alone.
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
     large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
@@ -76,21 +89,23 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
         RANKED: batch,
         REFINED: batch,
         CONFIDENT: batch,
-        **({REFINED_DEFAULT: base} if fps == preset().fps else {}),
+        **({REFINED_DEFAULT: base, REFINED_AGAIN: batch, PAIRS: batch} if fps == preset().fps else {}),
     }
     return MappingProxyType(found)
 
 
 def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
-    """Folders and settings of the runs of a row's policy: one, or the next MEMBERS of the default preset."""
+    """Folders and settings of the runs of a row's policy: one, or the next MEMBERS."""
     others = {
         RANKED: LARGE_BATCH,
         REFINED: LARGE_BATCH,
         CONFIDENT: LARGE_BATCH,
+        REFINED_AGAIN: LARGE_BATCH,
+        PAIRS: LARGE_BATCH,
         REFINED_DEFAULT: DEFAULT,
         ENSEMBLE: DEFAULT,
     }
-    count, run = MEMBERS if name == ENSEMBLE else 1, others.get(name, name)
+    count, run = MEMBERS.get(name, 1), others.get(name, name)
     folder = root / f"{fps}fps" / run
     return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from benchmarks.learning.carry_over_rows import Ranking
 from iphyre_jax.attempts.policy_tries import JUDGED
 from iphyre_jax.files import read_json_object
 from iphyre_jax.models.outcome.storage import load_classifier
-from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
 LARGE_BATCH = {"scene_pool", "pool_scenes", "updates", "episodes_per_scene", "pool_topologies", "learner"}
@@ -35,6 +36,8 @@ DIFFER = {
     "ranked": LARGE_BATCH,
     "refined": LARGE_BATCH,
     "confident": LARGE_BATCH,
+    "refined-again": LARGE_BATCH,
+    "pairs": LARGE_BATCH,
 }
 
 
@@ -71,12 +74,17 @@ def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
     assert settings_of_row(here) != settings_of_row(replace(there, pool_sha256="1"))
 
 
-def test_ensembles_share_no_run_and_other_rows_are_one_run() -> None:
-    plain = carry_over_rows.rows(Path("pool.npz"), 10)["ensemble"]
-    runs = [carry_over_rows.members(Path(), 10, "ensemble", plain, seed) for seed in range(5)]
+@pytest.mark.parametrize(("name", "run", "count"), [("ensemble", "default", 4), ("pairs", "large-batch", 2)])
+def test_policies_that_are_one_share_no_run(name: str, run: str, count: int) -> None:
+    plain = carry_over_rows.rows(Path("pool.npz"), 10)[name]
+    runs = [carry_over_rows.members(Path(), 10, name, plain, seed) for seed in range(5)]
     folders = [folder for one in runs for folder in one]
-    assert folders == [Path("10fps/default") / f"seed-{seed}" for seed in range(5 * carry_over_rows.MEMBERS)]
-    assert [config.seed for one in runs for config in one.values()] == list(range(5 * carry_over_rows.MEMBERS))
+    assert folders == [Path(f"10fps/{run}") / f"seed-{seed}" for seed in range(5 * count)]
+    assert [config.seed for one in runs for config in one.values()] == list(range(5 * count))
+
+
+def test_other_rows_are_one_run() -> None:
+    plain = carry_over_rows.rows(Path("pool.npz"), 60)["uniform"]
     assert carry_over_rows.members(Path(), 60, "uniform", plain, 3) == {
         Path("60fps/uniform/seed-3"): replace(plain, seed=3)
     }
@@ -88,6 +96,7 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
         ("large-batch", "ranked"),
         ("large-batch", "refined"),
         ("large-batch", "confident"),
+        ("large-batch", "refined-again"),
         ("default", "refined-default"),
     ):
         runs = [carry_over_rows.members(Path(), 10, name, plain[name], 2) for name in pair]
@@ -126,6 +135,17 @@ def test_a_ranked_policy_plays_what_the_ranker_believes_in(monkeypatch: pytest.M
     monkeypatch.setattr(carry_over_policy, "judge_of", lambda ranker: judge)
     assert first_tries(ranked, ["support"])["reward"][0] < first_tries(plain, ["support"])["reward"][0]
     assert seen == [JUDGED + 1]
+
+
+def test_later_refinements_have_variations_among_their_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    generated = (load_scene("support"),)
+    monkeypatch.setattr(carry_over, "pool_file", lambda root, number: Path(f"pool-{number}.npz"))
+    monkeypatch.setattr(carry_over, "load_generated", lambda file: SimpleNamespace(scenes=generated))
+    monkeypatch.setattr(carry_over, "FRESH_VARIATIONS", 12)
+    assert carry_over.fresh_scenes(Path(), 2) == generated
+    third, fourth = (carry_over.fresh_scenes(Path(), number)[1:] for number in (3, 4))
+    assert all(110 < len(some) <= 120 for some in (third, fourth))  # a few draws give no valid scene
+    assert all(one not in fourth for one in third)
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
