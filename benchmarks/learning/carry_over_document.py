@@ -84,7 +84,8 @@ CHOSEN: Final = {
     "played without the gain: 668.7 points at the first try at 10 steps a second, 674.0 at 60",
     "refined-again": "after `confident` had been played. A third refinement was planned then; its variations, and that "
     "it is kept, was chosen at 10 steps a second with five policies on 800 other variations of the basic games (741 "
-    "points beside 734 of `confident`) and 1,000 further generated scenes (602 and 601)",
+    "points beside 734 of `confident`) and 1,000 further generated scenes (602 and 601). Before it, "
+    "`ppo-i-objects-ranked` was played with the classifier refined twice: 634.5 points at the first try",
     "pairs": "with it, on the same scenes: two pairs of policies have 753 and 613 points, where their four policies "
     "alone have 740 and 603. So at 10 steps a second `pairs` is the row that counts, as was written down before "
     "either was played on the forty",
