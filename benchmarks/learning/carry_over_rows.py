@@ -30,8 +30,20 @@ CONFIDENT: Final = "confident"  # those, and a greedy plan that the policy is su
 REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
 REFINED_AGAIN: Final = "refined-again"  # those of CONFIDENT, and a classifier refined once more
 PAIRS: Final = "pairs"  # that classifier, and two policies as one
-FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier in the rows before that one
-MEMBERS: Final = MappingProxyType({ENSEMBLE: 4, PAIRS: 2})  # policies as one; 5 and 4 were no better on held-out scenes
+POLICIES_OF: Final = MappingProxyType(  # rows with the policies of another one
+    {
+        ENSEMBLE: DEFAULT,
+        RANKED: LARGE_BATCH,
+        REFINED: LARGE_BATCH,
+        CONFIDENT: LARGE_BATCH,
+        REFINED_DEFAULT: DEFAULT,
+        REFINED_AGAIN: LARGE_BATCH,
+        PAIRS: LARGE_BATCH,
+    }
+)
+ONE_RATE: Final = (REFINED_DEFAULT, REFINED_AGAIN, PAIRS)
+MEMBERS: Final = MappingProxyType({ENSEMBLE: 4, PAIRS: 2})  # policies as one; more were no better
+FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier before REFINED_AGAIN
 REFINEMENTS: Final = MappingProxyType({10: 3, 60: 1})  # of each rate's classifier that ships
 VARIED_FROM: Final = 3  # the refinement from which on variations of the basic games are among its scenes ...
 FRESH_VARIATIONS: Final = 1_000  # ... so many of each game
@@ -64,8 +76,8 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
     """The rows of a rate by name: the default preset, and what differs from it in one thing.
 
     A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
-    minibatches are of whole scenes. The scenes that ship are the first ones of the pool. REFINED_DEFAULT, REFINED_AGAIN
-    and PAIRS are there at the rate of the default preset alone.
+    minibatches are of whole scenes. The scenes that ship are the first ones of the pool. Those of ONE_RATE are there at
+    the rate of the default preset alone.
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
     large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
@@ -85,27 +97,15 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
         "small-pool": replace(base, pool_scenes=FEWER),
         "uniform": replace(base, curriculum="uniform"),
         "small-network": replace(base, hidden_sizes=(64, 64)),
-        ENSEMBLE: base,
-        RANKED: batch,
-        REFINED: batch,
-        CONFIDENT: batch,
-        **({REFINED_DEFAULT: base, REFINED_AGAIN: batch, PAIRS: batch} if fps == preset().fps else {}),
     }
+    here = [name for name in POLICIES_OF if fps == preset().fps or name not in ONE_RATE]
+    found.update({name: found[POLICIES_OF[name]] for name in here})
     return MappingProxyType(found)
 
 
 def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:
     """Folders and settings of the runs of a row's policy: one, or the next MEMBERS."""
-    others = {
-        RANKED: LARGE_BATCH,
-        REFINED: LARGE_BATCH,
-        CONFIDENT: LARGE_BATCH,
-        REFINED_AGAIN: LARGE_BATCH,
-        PAIRS: LARGE_BATCH,
-        REFINED_DEFAULT: DEFAULT,
-        ENSEMBLE: DEFAULT,
-    }
-    count, run = MEMBERS.get(name, 1), others.get(name, name)
+    count, run = MEMBERS.get(name, 1), POLICIES_OF.get(name, name)
     folder = root / f"{fps}fps" / run
     return {folder / f"seed-{k}": replace(plain, seed=k) for k in range(count * seed, count * (seed + 1))}
 
