@@ -46,7 +46,9 @@ def _of_game(config: TrainConfig, game: str, groups: int, own: int, rng: np.rand
 
 @lru_cache(256)
 def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple[Scene, ...]:
-    """`count` valid variations of a game, spread evenly over the numbers of added blocks; fewer after TRIES draws each.
+    """About `count` valid variations of a game, as many for each number of added blocks.
+
+    A few more where that does not divide evenly, fewer where TRIES draws for each were not enough.
 
     Raises:
         ValueError: one line; there are none.

@@ -70,7 +70,7 @@ def distracted(scene: Scene, own: int, rng: np.random.Generator) -> Scene:
 
 
 def scenes_of(game: str, count: int, seed: int) -> tuple[Scene, ...]:
-    """Variations of a game; at most `count`."""
+    """Variations of a game, about `count`."""
     rng = np.random.default_rng([STREAM, seed])
     plain = variations(game, count, seed + STREAM, ADDED)
     own = min(scene.n_blocks for scene in plain)
