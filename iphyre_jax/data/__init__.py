@@ -3,7 +3,7 @@
 from iphyre_jax.data.audit import known_plays, repeated_plays, shared_plays, verify
 from iphyre_jax.data.collection import collect
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset
-from iphyre_jax.data.named import NAMED_SETS, named_set
+from iphyre_jax.data.named.sets import NAMED_SETS, named_set
 from iphyre_jax.data.recipe import PlanPolicy
 from iphyre_jax.data.sequences import tables
 

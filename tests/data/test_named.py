@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from iphyre_jax.data import NAMED_SETS, Dataset, known_plays, named_set, repeated_plays, shared_plays, verify
-from iphyre_jax.data import named as named_module
-from iphyre_jax.data.pairs import _goes_on, _PairSearch, moved_plans
+from iphyre_jax.data.named import sets as named_module
+from iphyre_jax.data.named.pairs import _goes_on, _PairSearch, moved_plans
+from iphyre_jax.data.named.varied import level_of
 from iphyre_jax.data.search import STALE
-from iphyre_jax.data.varied import level_of
 
 OPTIONS = {"scale": 10, "games": ["hole", "unseen_hole"]}
 

@@ -25,9 +25,9 @@ from iphyre_jax.data.collection import gather
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_sum
 from iphyre_jax.data.journal import Journal, Report, journal_in
 from iphyre_jax.data.labels import PlayProtocol
-from iphyre_jax.data.pairs import edge_pairs
+from iphyre_jax.data.named.pairs import edge_pairs
+from iphyre_jax.data.named.varied import varied_plays
 from iphyre_jax.data.recipe import Recipe, check_recipe
-from iphyre_jax.data.varied import varied_plays
 from iphyre_jax.execution.compilation.cache_folder import default_folder
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
