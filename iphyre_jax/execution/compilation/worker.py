@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import queue
-import sys
-import threading
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +18,7 @@ import jax
 from iphyre_jax.execution.compilation.cache_folder import write_entry
 from iphyre_jax.execution.compilation.description import from_description, source_sum
 from iphyre_jax.execution.programs import Program
+from iphyre_jax.execution.requests import open_answers, request_lines, send
 
 IDLE_SECONDS: Final = 60.0
 CLEAR_AFTER: Final = 16  # programs; JAX keeps what it knows of each
@@ -35,7 +33,7 @@ def compile_program(program: Program) -> bytes:
     return payload
 
 
-def _answer(line: str) -> dict[str, Any]:
+def _answer(line: bytes) -> dict[str, Any]:
     try:
         request = json.loads(line)
         program = from_description(request["program"])
@@ -49,18 +47,10 @@ def _answer(line: str) -> dict[str, Any]:
 
 def main() -> None:
     """Answer requests until the input ends."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
-    requests: queue.SimpleQueue[str] = queue.SimpleQueue()
-
-    def read() -> None:
-        for line in sys.stdin:
-            requests.put(line)
-        os._exit(0)  # nobody waits for an answer
-
+    answers = open_answers()
     jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # an unknown option ends the process here
-    print("{}", file=answers, flush=True)
-    threading.Thread(target=read, daemon=True).start()
+    send(answers, b"{}\n")
+    requests = request_lines()
     for number in itertools.count(1):
         try:
             line = requests.get(timeout=IDLE_SECONDS)
@@ -68,7 +58,7 @@ def main() -> None:
             return
         if number % CLEAR_AFTER == 0:
             jax.clear_caches()
-        print(json.dumps(_answer(line)), file=answers, flush=True)
+        send(answers, json.dumps(_answer(line)).encode() + b"\n")
 
 
 if __name__ == "__main__":

@@ -16,12 +16,12 @@ import json
 import os
 import queue
 import sys
-import threading
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from iphyre_jax.execution.requests import open_answers, request_lines, send
 from iphyre_jax.scenes import scene_from_dict
 from iphyre_jax.viewer.recording import Recording, is_compiled, record
 
@@ -37,16 +37,7 @@ def main() -> None:
     """
     settings = json.loads(sys.argv[1])
     _limit(settings["memory"], settings["niceness"])
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of libraries must not mix with answers
-    requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-
-    def read() -> None:
-        for line in sys.stdin.buffer:
-            requests.put(line)
-        os._exit(0)  # nobody waits for an answer
-
-    threading.Thread(target=read, daemon=True).start()
+    answers, requests = open_answers(), request_lines()
     _send(answers, {})
     while True:
         try:
@@ -103,8 +94,7 @@ def memory_in_use(process: int | None = None) -> int:
 
 
 def _send(answers: io.BufferedWriter, answer: dict[str, Any], content: bytes = b"") -> None:
-    answers.write(json.dumps(answer).encode() + b"\n" + content)
-    answers.flush()
+    send(answers, json.dumps(answer).encode() + b"\n" + content)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,38 @@
+"""How a process of our own answers the one that started it: a request a line comes in, answers go out."""
+
+from __future__ import annotations
+
+import io
+import os
+import queue
+import sys
+import threading
+
+
+def open_answers() -> io.BufferedWriter:
+    """Return the output for answers; from now on what libraries print goes to the errors, so that it does not mix."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    return answers
+
+
+def send(answers: io.BufferedWriter, answer: bytes) -> None:
+    """Write an answer; if whoever asked was killed, this process ends without a word."""
+    try:
+        answers.write(answer)
+        answers.flush()
+    except BrokenPipeError:
+        os._exit(0)  # the ordinary way out would close `answers`, which raises the same again
+
+
+def request_lines() -> queue.SimpleQueue[bytes]:
+    """Return the lines of the input as they come; this process ends with its input, whatever it is doing then."""
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin.buffer:
+            lines.put(line)
+        os._exit(0)  # nobody waits for an answer
+
+    threading.Thread(target=read, daemon=True).start()
+    return lines
