@@ -31,6 +31,7 @@ from benchmarks.learning.carry_over_rows import (
     REFINEMENTS,
     ROWS,
     SCENES,
+    SEEDS_APART,
     TRAINED_ON,
     VARIED_FROM,
     Ranking,
@@ -64,7 +65,6 @@ SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a se
 SHIPPED_RANKED: Final = f"{SHIPPED}-ranked"  # that policy, whose plans the shipped classifiers rank
 Evaluated = Literal["held-out", "forty"]  # scenes that a row was played on
 EVALUATED: Final[tuple[Evaluated, ...]] = ("held-out", "forty")
-SEEDS_APART: Final = 10  # of variations: those of a seed use the next ones too
 COUNTER: Final = "forty-carry-over.json"  # how often this command has played the forty games
 
 

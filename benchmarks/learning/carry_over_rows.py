@@ -47,6 +47,7 @@ FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's cl
 REFINEMENTS: Final = MappingProxyType({10: 3, 60: 1})  # of each rate's classifier that ships
 VARIED_FROM: Final = 3  # the refinement from which on variations of the basic games are among its scenes ...
 FRESH_VARIATIONS: Final = 1_000  # ... so many of each game
+SEEDS_APART: Final = 10  # of variations of two refinements: those of a seed use the next ones too
 
 
 class Ranking(NamedTuple):

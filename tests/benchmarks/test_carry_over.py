@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.learning import carry_over, carry_over_policy, carry_over_rows
-from benchmarks.learning.carry_over_document import document
+from benchmarks.learning.carry_over_document import ABOUT, CHOSEN, document
 from benchmarks.learning.carry_over_policy import Policy, first_tries, greedy_scores, settings_of_row
 from benchmarks.learning.carry_over_rows import Ranking
 from iphyre_jax.attempts.policy_tries import JUDGED
@@ -146,6 +146,11 @@ def test_later_refinements_have_variations_among_their_scenes(monkeypatch: pytes
     third, fourth = (carry_over.fresh_scenes(Path(), number)[1:] for number in (3, 4))
     assert all(110 < len(some) <= 120 for some in (third, fourth))  # a few draws give no valid scene
     assert all(one not in fourth for one in third)
+
+
+def test_the_document_says_what_every_row_is() -> None:
+    assert set(ABOUT) == {*carry_over_rows.ROWS, carry_over.SHIPPED, carry_over.SHIPPED_RANKED}
+    assert set(CHOSEN) < set(ABOUT)
 
 
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
