@@ -14,6 +14,7 @@ from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, Kind
 from iphyre_jax.files import check_writable
 
 PICTURES = 40  # of a sheet
@@ -22,7 +23,7 @@ COLUMNS = 8
 
 @dataclass(frozen=True)
 class Generate:
-    """Make scenes of the elements of the ten basic games that random plans sometimes solve. Or describe a file.
+    """Make scenes of the ten basic games and their elements that random plans sometimes solve. Or describe a file.
 
     A run that is interrupted or killed goes on where it was when the same command is given again.
     """
@@ -34,6 +35,8 @@ class Generate:
     """Seed of the scenes."""
     protocol: Literal["official", "smooth"] = "official"
     """Random plans are played at 10 steps a second, as agents learn, or at 60."""
+    kind: Kind = DEFAULT_KIND
+    """Elements of the basic games, or unions of two basic games each."""
     describe: Annotated[Path | None, option("FILE", "Describe this file instead.", "")] = None
     sheet: Annotated[Path | None, option("PICTURE", "Draw 40 of the scenes too; needs the extra viewer.", "none")] = (
         None
@@ -64,7 +67,9 @@ def _make(command: Generate, out: Path | None, report: Callable[[str], None]) ->
     npz, _ = check_path(out or Path())
     check_writable(npz.parent, "out")
     journal = npz.with_suffix(".parts")
-    scenes = generate_scenes(command.count, command.seed, protocol=command.protocol, journal=journal, report=report)
+    scenes = generate_scenes(
+        command.count, command.seed, protocol=command.protocol, kind=command.kind, journal=journal, report=report
+    )
     save_generated(scenes, npz)
     return scenes
 
@@ -73,7 +78,7 @@ def _describe(scenes: GeneratedScenes, console: Console) -> None:
     """Print what was drawn, refused and kept."""
     of = scenes.manifest
     say(console, f"{len(scenes)} scenes of seed {of['seed']}, {of['fps']} fps, {of['dtype']}, reset {of['resets']}")
-    say(console, f"drawn: {of['drawn']}")
+    say(console, f"drawn: {of['drawn']}, {of['kind']}")
     for reason, count in of["refused"].items():
         say(console, f"  {reason}: {count} ({count / of['drawn']:.1%})")
     say(console, f"kept: {len(scenes)} ({len(scenes) / of['drawn']:.1%}), by the share of random plans that solve")

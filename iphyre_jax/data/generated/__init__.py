@@ -1,4 +1,4 @@
-"""Generated scenes: drawn from the elements of the ten basic games, kept if random plans sometimes solve them."""
+"""Generated scenes: made of the ten basic games and their elements, kept if random plans sometimes solve them."""
 
 from iphyre_jax.data.generated.generate import generate_scenes
 from iphyre_jax.data.generated.pool import GeneratedScenes, generated_file, load_generated, save_generated

@@ -1,4 +1,4 @@
-"""A process that works out chunks for another one: `python -m iphyre_jax.data.generated SEED PROTOCOL`.
+"""A process that works out chunks for another one: `python -m iphyre_jax.data.generated SEED PROTOCOL KIND`.
 
 It reads the number of a chunk a line. It answers with LENGTH bytes, the length of what follows, and the chunk as an NPZ
 file, and ends with its input.
@@ -7,8 +7,10 @@ file, and ends with its input.
 from __future__ import annotations
 
 import sys
+from typing import cast
 
 from iphyre_jax.data.generated.chunks import make_chunk
+from iphyre_jax.data.generated.drawing import Kind
 from iphyre_jax.data.generated.workers import LENGTH
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.execution import configuration
@@ -18,11 +20,11 @@ from iphyre_jax.files import pack_npz
 
 def main() -> None:
     """Answer until the input ends."""
-    seed, protocol = int(sys.argv[1]), protocol_named(sys.argv[2])
+    seed, protocol, kind = int(sys.argv[1]), protocol_named(sys.argv[2]), cast(Kind, sys.argv[3])
     answers, requests = open_answers(), request_lines()
     configuration.configure(devices=1)  # the other cores have processes of their own
     while True:
-        content = pack_npz(make_chunk(seed, int(requests.get()), protocol))
+        content = pack_npz(make_chunk(seed, int(requests.get()), protocol, kind))
         send(answers, len(content).to_bytes(LENGTH, "big") + content)
 
 

@@ -1,119 +1,69 @@
-"""Drawing scenes: compositions of elements, and basic games that are moved about and get further elements.
+"""Drawing scenes of a kind: "elements", of the elements of the basic games, or "unions", of two basic games each.
 
-A chunk is CHUNK scenes that are drawn together, for speed. So a scene is a function of the seed and its number. Weights
-were chosen by the filter alone: what often gives hard scenes is drawn more often.
+A chunk is CHUNK scenes that are drawn together, for speed. So a scene is a function of its kind, the seed and its
+number.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from typing import Final
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from iphyre_jax.data.generated import elements
-from iphyre_jax.data.generated.canvas import PIN, SPRING, Canvas, Ints, Propose, place
-from iphyre_jax.data.generated.displaced import displaced_games
-from iphyre_jax.scenes import SPLITS, load_scene
+from iphyre_jax.data.generated import compositions
+from iphyre_jax.data.generated.canvas import BARS, FREE, PIN, SPRING, Bools, Canvas, Ints
+from iphyre_jax.data.generated.compositions import draw_compositions
+from iphyre_jax.data.generated.unions import draw_unions
 
 CHUNK: Final = 2048
 STREAM: Final = 20_26  # beside the seed, so that scenes draw other numbers than anything else
-COMPOSED: Final = 0.5  # share of the scenes that are compositions; the others begin with a basic game
 
-MOVERS: Final[tuple[tuple[tuple[str, ...], float], ...]] = (  # what moves in a composition, and its weight
-    (("ball",), 0.5),
-    (("pendulum",), 1),
-    (("spring",), 0.5),
-    (("loose", "ball"), 1),
-    (("table",), 1.5),
-    (("table", "loose"), 1.5),
-    (("table", "ball"), 1.5),
-    (("loose", "pendulum"), 0.5),
-    (("loose", "spring"), 0.5),
-    (("loose", "loose", "ball"), 1),
-    (("ball", "ball"), 1),
-    (("loose", "ball", "ball"), 1.5),
-    (("pendulum", "ball"), 2),
-    (("spring", "ball"), 2),
-    (("pendulum", "pendulum"), 1.5),
-    (("spring", "spring"), 0.5),
-    (("pendulum", "spring"), 2.5),
-    (("ball", "ball", "ball"), 2),
-)
-BASIC: Final = (0.5, 1, 1, 1, 4, 0.2, 4, 2, 1, 1)  # weights of the basic games, in the order of their split
-EXTRAS: Final[tuple[tuple[str, ...], ...]] = ((), (), ("ball",), ("loose",))  # what a basic game gets that moves
-HOLDERS: Final[tuple[tuple[Propose, float], ...]] = (
-    (elements.hold, 3),
-    (elements.two_holds, 1),
-    (elements.slope, 2),
-    (elements.wedge, 2),
-    (elements.vee, 2),
-    (elements.resting_ball, 1),
-)
-FLOORS: Final[tuple[tuple[Propose, float], ...]] = (
-    (elements.floor_with_stops, 3),
-    (elements.floor_with_hole, 3),
-    (elements.walled_floor, 3),
-    (elements.low_slope, 1),
-    (elements.shelf, 1),
-)
-OF: Final[dict[str, tuple[tuple[Propose, float], ...]]] = {
-    "ball": HOLDERS,
-    "table": ((elements.table, 1),),
-    "pendulum": ((partial(elements.tied, link=PIN), 1),),
-    "spring": ((partial(elements.tied, link=SPRING), 1),),
-    "loose": ((elements.loose_on_hold, 2), (elements.loose_on_pegs, 2)),
-}
+Kind = Literal["elements", "unions"]
+DEFAULT_KIND: Final[Kind] = "elements"
 
 
-def draw_chunk(seed: int, chunk: int) -> tuple[Canvas, Ints, Ints]:
+class Drawing(NamedTuple):
+    """How scenes of a kind are drawn.
+
+    Attributes:
+        draw: of a count and random numbers, returns so many scenes, whether each is whole, and its basic game.
+        seed: beside that of all scenes.
+        idle_share: of the scenes that solve themselves, the share that is kept.
+    """
+
+    draw: Callable[[int, np.random.Generator], tuple[Canvas, Bools, Ints]]
+    seed: tuple[int, ...] = ()
+    idle_share: float = 0.0
+
+
+KINDS: Final[Mapping[Kind, Drawing]] = MappingProxyType(
+    {"elements": Drawing(draw_compositions), "unions": Drawing(draw_unions, (1,), 0.2)}
+)
+
+
+def draw_chunk(seed: int, chunk: int, kind: Kind) -> tuple[Canvas, Ints, Ints]:
     """Draw the scenes chunk x CHUNK to (chunk + 1) x CHUNK - 1 of a seed.
 
     Returns:
         The scenes; which of them are whole, as indices; and of all, the index of the basic game that it began with,
-        -1 for a composition.
+        -1 for none.
     """
-    rng = np.random.default_rng([seed, STREAM, chunk])
-    canvas, whole = Canvas.empty(CHUNK), np.ones(CHUNK, bool)
-    basic = np.where(rng.random(CHUNK) < COMPOSED, -1, _weighted(rng, BASIC, CHUNK))
-    composed, begun = np.flatnonzero(basic < 0), np.flatnonzero(basic >= 0)
-    canvas.set(begun, displaced_games([load_scene(name) for name in SPLITS["basic"]], basic[begun], rng))
-    movers = _weighted(rng, [weight for _, weight in MOVERS], CHUNK)
-    extras = rng.integers(len(EXTRAS), size=CHUNK)
-    whole[_place_some(canvas, rng, composed, FLOORS)] = False
-    for kinds, options, rows in ((movers, [names for names, _ in MOVERS], composed), (extras, EXTRAS, begun)):
-        for which, names in enumerate(options):
-            for name in names:
-                mine = rows[(kinds[rows] == which) & whole[rows]]
-                whole[_place_some(canvas, rng, mine, OF[name])] = False
-    _decorate(canvas, rng, composed, begun)
-    whole &= canvas.eliminable.sum(axis=1) >= 2
-    mirrored = np.flatnonzero(rng.random(CHUNK) < 0.5)
-    canvas.mirror(mirrored)
+    rng = np.random.default_rng([seed, STREAM, chunk, *KINDS[kind].seed])
+    canvas, whole, basic = KINDS[kind].draw(CHUNK, rng)
+    whole &= (canvas.eliminable.sum(axis=1) >= 2) & _is_known(canvas)
+    canvas.mirror(np.flatnonzero(rng.random(CHUNK) < 0.5))
     return canvas, np.flatnonzero(whole), basic
 
 
-def _decorate(canvas: Canvas, rng: np.random.Generator, composed: Ints, begun: Ints) -> None:
-    """Add a second floor to half of the compositions, and distractors; what finds no place is left out."""
-    _place_some(canvas, rng, composed[rng.random(len(composed)) < 0.5], FLOORS, tries=4)
-    for rows, chance in ((composed, 0.8), (composed, 0.6), (composed, 0.4), (begun, 0.6), (begun, 0.4)):
-        place(canvas, rng, rows[rng.random(len(rows)) < chance], elements.distractor, tries=4)
-
-
-def _place_some(
-    canvas: Canvas,
-    rng: np.random.Generator,
-    rows: Ints,
-    options: tuple[tuple[Propose, float], ...],
-    tries: int = 8,
-) -> Ints:
-    """Put one of several elements into each scene, by their weights; return the scenes that got none."""
-    which = _weighted(rng, [weight for _, weight in options], len(rows))
-    left = [place(canvas, rng, rows[which == k], option, tries) for k, (option, _) in enumerate(options)]
-    return np.concatenate(left)
-
-
-def _weighted(rng: np.random.Generator, weights: Sequence[float], count: int) -> Ints:
-    """Draw `count` indices by their weights."""
-    return np.asarray(rng.choice(len(weights), size=count, p=np.array(weights) / sum(weights)))
+def _is_known(scenes: Canvas) -> Bools:
+    """Return whether scenes have the moving bars and balls of one of MOVERS, (B,): so topologies stay few."""
+    known = set()
+    for names, _ in compositions.MOVERS:
+        loose, free = (sum(name in kinds for name in names) for kinds in (("loose", "table"), ("ball", "table")))
+        known.add((loose, free, names.count("pendulum"), names.count("spring")))
+    balls = scenes.used[:, BARS:]
+    tied = [(balls & (scenes.link == link)).sum(axis=1) for link in (FREE, PIN, SPRING)]
+    found = np.stack([scenes.moving[:, :BARS].sum(axis=1), *tied], axis=1).tolist()
+    return np.array([tuple(counts) in known for counts in found], bool)

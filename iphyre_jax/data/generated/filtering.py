@@ -66,7 +66,11 @@ def plan_stream(blocks: int) -> npt.NDArray[np.int64]:
 
 
 def grade_scenes(
-    scenes: Sequence[Scene], worlds: Sequence[Compiled], protocol: EpisodeProtocol, lots: npt.NDArray[np.float64]
+    scenes: Sequence[Scene],
+    worlds: Sequence[Compiled],
+    protocol: EpisodeProtocol,
+    lots: npt.NDArray[np.float64],
+    idle_share: float = 0.0,
 ) -> Grades:
     """Play random plans of scenes and decide which are kept.
 
@@ -75,10 +79,13 @@ def grade_scenes(
         worlds: of the scenes, at the protocol's reset, in float32.
         protocol: rate and reset.
         lots: (n,) from 0 to 1; they decide which scenes of a frequent grade are chosen.
+        idle_share: of the scenes that solve themselves, the share that is kept, whatever their grade.
     """
     count, first = len(scenes), 0
     reason, plans, solved = (np.full(count, value, int) for value in (UNSOLVED, 0, 0))
-    reason[_idle(scenes, worlds, protocol)] = IDLE
+    idle = _idle(scenes, worlds, protocol)
+    kept_idle = idle & (lots < idle_share)
+    reason[idle & ~kept_idle] = IDLE
     rows = np.flatnonzero(reason == UNSOLVED)
     for last, most in ROUNDS:
         success, fault = _play(scenes, worlds, rows, (first, last), protocol)
@@ -87,6 +94,7 @@ def grade_scenes(
         rows = rows[(solved[rows] <= most) & ~fault]
         first = last
     _judge(reason, plans, solved, lots)
+    reason[kept_idle & (reason != CONTACTS)] = KEPT
     return Grades(reason.astype(np.int8), plans.astype(np.int16), solved.astype(np.int16))
 
 

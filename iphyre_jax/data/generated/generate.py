@@ -9,9 +9,9 @@ from contextlib import closing
 from functools import partial
 from typing import Final
 
-from iphyre_jax.checks import MAX_SEED, check_whole
+from iphyre_jax.checks import MAX_SEED, check_option, check_whole
 from iphyre_jax.data.generated.chunks import Arrays
-from iphyre_jax.data.generated.drawing import CHUNK
+from iphyre_jax.data.generated.drawing import CHUNK, DEFAULT_KIND, KINDS, Kind
 from iphyre_jax.data.generated.pool import GeneratedScenes
 from iphyre_jax.data.generated.workers import all_chunks
 from iphyre_jax.data.journal import Journal, journal_in
@@ -28,20 +28,23 @@ def generate_scenes(
     seed: int = 0,
     *,
     protocol: str = "official",
+    kind: Kind = DEFAULT_KIND,
     journal: str | os.PathLike[str] | None = None,
     report: Callable[[str], None] | None = None,
 ) -> GeneratedScenes:
-    """Generate scenes of the elements of the ten basic games.
+    """Generate scenes of the ten basic games' elements, or of two basic games each.
 
-    Doing nothing fails in each, one of 160 random plans solves it, and at most 0.6 of the random plans do. None is near
-    a game of the splits noisy, compositional, multi_ball or unseen_basic. The same arguments give the same scenes; more
-    scenes of a seed begin with the fewer.
+    Doing nothing fails in each, one of 160 random plans solves it, and at most 0.6 of the random plans do; but some
+    unions solve themselves. None is near a game of the splits noisy, compositional, multi_ball or unseen_basic. The
+    same arguments give the same scenes; more scenes of a seed begin with the fewer.
 
     Args:
         count: scenes to keep, 1 to 1,000,000.
         seed: of the scenes, 0 to 2**63 - 1.
         protocol: rate and reset at which plans are played: "official", 10 steps a second after the second reset, or
             "smooth", 60 in a fresh space.
+        kind: "elements", compositions of elements and basic games that are moved about; or "unions", the objects of two
+            basic games, some bars of each left out.
         journal: folder that keeps what is done, so that a call which was killed goes on; removed at the end.
         report: called with a line of progress after each chunk.
 
@@ -55,13 +58,14 @@ def generate_scenes(
     """
     check_whole("count", count, 1, MOST)
     check_whole("seed", seed, 0, MAX_SEED)
+    check_option("kind", kind, tuple(KINDS))
     rates = protocol_named(protocol)
     check_memory("count", count * BYTES_OF_SCENE, "generate fewer at a time, with other seeds")
     chunks: list[Arrays] = []
     kept, start = 0, time.monotonic()
     with (
         journal_in(journal, report) as notes,
-        closing(all_chunks(seed, rates, partial(_entry, notes, seed, rates))) as given,
+        closing(all_chunks(seed, rates, kind, partial(_entry, notes, seed, rates, kind))) as given,
     ):
         for chunk in given:
             chunks.append(chunk)
@@ -70,9 +74,11 @@ def generate_scenes(
             notes.report(f"{min(kept, count)} of {count} kept, {drawn} drawn, {kept / seconds:.0f} kept a second")
             if kept >= count:
                 break
-    return GeneratedScenes.of_chunks(chunks, count, seed, rates)
+    return GeneratedScenes.of_chunks(chunks, count, seed, rates, kind)
 
 
-def _entry(journal: Journal, seed: int, protocol: EpisodeProtocol, number: int, work: Callable[[], Arrays]) -> Arrays:
+def _entry(
+    journal: Journal, seed: int, protocol: EpisodeProtocol, kind: Kind, number: int, work: Callable[[], Arrays]
+) -> Arrays:
     """Return a chunk from the journal if it is there, else work it out and keep it there."""
-    return journal.entry({"generated": RECIPE, "seed": seed, "chunk": number, **vars(protocol)}, {}, work)
+    return journal.entry({"generated": RECIPE, "seed": seed, "kind": kind, "chunk": number, **vars(protocol)}, {}, work)

@@ -1,7 +1,7 @@
 """Generated scenes with their grades, in memory and as two files: NAME.npz, arrays, and NAME.json, the manifest.
 
-{"schema": "iphyre_jax/generated", "version": 1, "recipe": 1, "seed": 0, "protocol": "official", "fps": 10, "resets": 2,
- "dtype": "float32", "scenes": 20000, "drawn": 51234, "refused": {"too easy": 12000, ...},
+{"schema": "iphyre_jax/generated", "version": 1, "kind": "elements", "seed": 0, "protocol": "official", "fps": 10,
+ "resets": 2, "dtype": "float32", "scenes": 20000, "drawn": 51234, "refused": {"too easy": 12000, ...},
  "grades": {"below 0.04": 5600, ...}, "nearest_px": 30.1, "provenance": {...}, "sha256": ...}      of NAME.npz
 """
 
@@ -22,6 +22,7 @@ import numpy.typing as npt
 from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, Kind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
@@ -52,9 +53,9 @@ _COLUMNS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
 }
 
 
-def scene_name(seed: int, number: int) -> str:
+def scene_name(kind: Kind, seed: int, number: int) -> str:
     """Return the name of a generated scene."""
-    return f"generated~{seed}.{number}"
+    return f"{'generated' if kind == DEFAULT_KIND else kind}~{seed}.{number}"
 
 
 def scene_columns(canvas: Canvas) -> dict[str, npt.NDArray[Any]]:
@@ -79,7 +80,7 @@ class GeneratedScenes:
 
     Attributes:
         columns: the scenes and their grades as arrays: number (N,), of each scene among those drawn; basic (N,), the
-            basic game that it began with, as an index into the split, -1 for a composition; distance (N,) px, to the
+            basic game that it began with, as an index into the split, -1 for none; distance (N,) px, to the
             nearest test game, inf if none has as many objects of each kind; plans and solved (N,), random plans played,
             and how many of them solve it; and its objects.
         manifest: the fields that the module shows; `save_generated` adds the sum.
@@ -92,7 +93,9 @@ class GeneratedScenes:
         return len(self.columns["number"])
 
     @classmethod
-    def of_chunks(cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol) -> GeneratedScenes:
+    def of_chunks(
+        cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol, kind: Kind
+    ) -> GeneratedScenes:
         """Return the first `count` scenes of chunks, and how many were drawn until the last of them."""
         columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in _COLUMNS}
         drawn = int(columns["number"][-1]) + 1
@@ -102,6 +105,7 @@ class GeneratedScenes:
             "schema": SCHEMA,
             "version": VERSION,
             "seed": seed,
+            "kind": kind,
             "protocol": protocol.name,
             "fps": protocol.fps,
             "resets": protocol.resets,
@@ -117,14 +121,20 @@ class GeneratedScenes:
 
     @property
     def solve_rate(self) -> npt.NDArray[np.float64]:
-        """The share of random plans that solve each scene, (N,) float64, above 0 and at most 0.6."""
+        """The share of random plans that solve each scene, (N,) float64.
+
+        Above 0 and at most 0.6, but for unions that solve themselves.
+        """
         return np.asarray(self.columns["solved"] / self.columns["plans"])
 
     @cached_property
     def scenes(self) -> tuple[Scene, ...]:
         """The scenes; each is checked as a scene from a file is."""
         numbers = self.columns["number"].tolist()
-        return tuple(self._scene(row, scene_name(self.manifest["seed"], k)) for row, k in enumerate(numbers))
+        return tuple(
+            self._scene(row, scene_name(self.manifest["kind"], self.manifest["seed"], k))
+            for row, k in enumerate(numbers)
+        )
 
     def select(self, rows: npt.ArrayLike) -> GeneratedScenes:
         """Return some of the scenes, with the manifest of all; rows: indices or a mask, (N,)."""
@@ -138,11 +148,11 @@ class GeneratedScenes:
 
 
 def _grade_counts(rates: npt.NDArray[np.float64]) -> dict[str, int]:
-    """Return how many scenes each grade has."""
-    edges = (0.0, *GRADES, EASIEST)
-    names = [f"below {edges[1]:g}", *(f"{low:g} to {high:g}" for low, high in pairwise(edges[1:]))]
-    numbers = np.bincount(np.searchsorted(GRADES, rates, side="right"), minlength=len(names))
-    return dict(zip(names, numbers.tolist(), strict=True))
+    """Return how many scenes each grade has; above the last are only those that solve themselves."""
+    edges = (*GRADES, np.nextafter(EASIEST, 1))
+    names = [f"below {edges[0]:g}", *(f"{low:g} to {high:g}" for low, high in pairwise(edges)), f"above {EASIEST:g}"]
+    numbers = np.bincount(np.searchsorted(edges, rates, side="right"), minlength=len(names))
+    return {name: number for name, number in zip(names, numbers.tolist(), strict=True) if number or name != names[-1]}
 
 
 def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> None:
@@ -185,6 +195,8 @@ def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
             raise ValueError(f"{npz}: {name}: expected {dtype} of shape {wanted}, got {got}")
     if unknown := sorted(set(columns) - set(_COLUMNS)):
         raise ValueError(f"{npz}: {show(unknown[0])}: expected no such array")
+    if manifest.setdefault("kind", DEFAULT_KIND) not in KINDS:
+        raise ValueError(f"{described}: kind: expected one of {', '.join(KINDS)}, got {show(manifest['kind'])}")
     if type(manifest.get("seed")) is not int:
         raise ValueError(f"{described}: seed: expected a whole number, got {show(manifest.get('seed'))}")
     return GeneratedScenes(columns, manifest)

@@ -22,6 +22,7 @@ from typing import IO, Final, cast
 import numpy as np
 
 from iphyre_jax.data.generated.chunks import Arrays, make_chunk
+from iphyre_jax.data.generated.drawing import Kind
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.forks import end_process, import_path
@@ -34,18 +35,18 @@ Keep = Callable[[int, Callable[[], Arrays]], Arrays]
 """Of a chunk's number and of what works it out: the chunk, perhaps as it was kept."""
 
 
-def all_chunks(seed: int, protocol: EpisodeProtocol, keep: Keep) -> Generator[Arrays]:
+def all_chunks(seed: int, protocol: EpisodeProtocol, kind: Kind, keep: Keep) -> Generator[Arrays]:
     """Yield chunks 0, 1, ... without end, each as `keep` returns it.
 
     The first is worked out here, with all threads, for it often suffices. The others come from processes, one for each
     thread that may play.
     """
-    yield keep(0, partial(make_chunk, seed, 0, protocol))
+    yield keep(0, partial(make_chunk, seed, 0, protocol, kind))
     threads = configuration.threads()
     if threads == 1:
         for number in count(1):
-            yield keep(number, partial(make_chunk, seed, number, protocol))
-    with closing(ChunkProcesses(seed, protocol, threads)) as processes, ThreadPoolExecutor(threads) as helpers:
+            yield keep(number, partial(make_chunk, seed, number, protocol, kind))
+    with closing(ChunkProcesses(seed, protocol, kind, threads)) as processes, ThreadPoolExecutor(threads) as helpers:
         ahead: deque[Future[Arrays]] = deque()
         try:
             for number in count(1):
@@ -64,12 +65,13 @@ class ChunkProcesses:
     Args:
         seed: of the scenes.
         protocol: rate and reset at which plans are played.
+        kind: of the scenes.
         count: the number of processes; so many threads may ask at once.
     """
 
-    def __init__(self, seed: int, protocol: EpisodeProtocol, count: int) -> None:
-        self._seed, self._protocol, self._closed = seed, protocol, Event()
-        self._all = [ChunkProcess(seed, protocol.name) for _ in range(count)]
+    def __init__(self, seed: int, protocol: EpisodeProtocol, kind: Kind, count: int) -> None:
+        self._seed, self._protocol, self._kind, self._closed = seed, protocol, kind, Event()
+        self._all = [ChunkProcess(seed, protocol.name, kind) for _ in range(count)]
         self._idle: SimpleQueue[ChunkProcess] = SimpleQueue()
         for process in self._all:
             self._idle.put(process)
@@ -86,7 +88,7 @@ class ChunkProcesses:
         except (OSError, EOFError):
             if self._closed.is_set():
                 raise
-            return make_chunk(self._seed, number, self._protocol)  # and says what is wrong
+            return make_chunk(self._seed, number, self._protocol, self._kind)  # and says what is wrong
         finally:
             self._idle.put(process)
 
@@ -100,8 +102,8 @@ class ChunkProcesses:
 class ChunkProcess:
     """A process that works out one chunk after another."""
 
-    def __init__(self, seed: int, protocol: str) -> None:
-        self._arguments = (str(seed), protocol)
+    def __init__(self, seed: int, protocol: str, kind: str) -> None:
+        self._arguments = (str(seed), protocol, kind)
         self._running: subprocess.Popen[bytes] | None = None
 
     def chunk(self, number: int) -> Arrays:

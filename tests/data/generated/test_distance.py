@@ -91,12 +91,15 @@ def slow_distance(scene: Scene, game: Scene) -> float:
 
 
 @pytest.mark.slow
-def test_no_scene_that_is_played_is_near_a_test_game(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("kind", "least"), [("elements", 300), ("unions", 150)])
+def test_no_scene_that_is_played_is_near_a_test_game(
+    kind: drawing.Kind, least: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for module in (drawing, chunks):
         monkeypatch.setattr(module, "CHUNK", 512)
-    drawn = chunks._draw(5, 0, PROTOCOLS["official"])
+    drawn = chunks._draw(5, 0, PROTOCOLS["official"], kind)
     played = np.flatnonzero(drawn.reason == KEPT)
-    assert len(drawn.scenes) == len(played) > 300
+    assert len(drawn.scenes) == len(played) > least
     games = [load_scene(name) for name in HELD_BACK]
     slow = np.array([min(slow_distance(scene, game) for game in games) for scene in drawn.scenes[::7]])
     np.testing.assert_allclose(slow, drawn.distance[played[::7]], atol=1e-6)

@@ -13,11 +13,13 @@ from iphyre_jax.cli.main import run
 from iphyre_jax.data.generated import (
     GeneratedScenes,
     chunks,
+    compositions,
     drawing,
     filtering,
     generate,
     generate_scenes,
     load_generated,
+    pool,
     save_generated,
     workers,
 )
@@ -37,8 +39,8 @@ OFFICIAL = PROTOCOLS["official"]
 def one_topology() -> Iterator[None]:
     """Draw compositions with one ball only, and few, so that one program plays all."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawing, "MOVERS", ((("ball",), 1),))
-        patch.setattr(drawing, "COMPOSED", 1.0)
+        patch.setattr(compositions, "MOVERS", ((("ball",), 1),))
+        patch.setattr(compositions, "COMPOSED", 1.0)
         for module in (drawing, chunks, generate):
             patch.setattr(module, "CHUNK", 128)
         patch.setattr(configuration, "threads", lambda: 1)  # other processes know nothing of this
@@ -46,8 +48,8 @@ def one_topology() -> Iterator[None]:
 
 
 PROCESS = """
-from iphyre_jax.data.generated import __main__, chunks, drawing
-drawing.MOVERS, drawing.COMPOSED = ((("ball",), 1),), 1.0
+from iphyre_jax.data.generated import __main__, chunks, compositions, drawing
+compositions.MOVERS, compositions.COMPOSED = ((("ball",), 1),), 1.0
 drawing.CHUNK = chunks.CHUNK = 128
 __main__.main()
 """
@@ -97,9 +99,9 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
     drawn: list[int] = []
     original = workers.make_chunk
 
-    def noted(seed: int, chunk: int, protocol: EpisodeProtocol) -> chunks.Arrays:
+    def noted(seed: int, chunk: int, protocol: EpisodeProtocol, kind: drawing.Kind) -> chunks.Arrays:
         drawn.append(chunk)
-        return original(seed, chunk, protocol)
+        return original(seed, chunk, protocol, kind)
 
     monkeypatch.setattr(workers, "make_chunk", noted)
     assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
@@ -124,7 +126,7 @@ def test_processes_give_the_same_scenes(small: GeneratedScenes, monkeypatch: pyt
 @pytest.mark.parametrize("program", ["", "print('something else')", SHORT_ANSWER])
 def test_an_answer_that_is_none_is_an_error(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "COMMAND", (sys.executable, "-P", "-c", program))
-    process = workers.ChunkProcess(7, "official")
+    process = workers.ChunkProcess(7, "official", "elements")
     with pytest.raises((EOFError, BrokenPipeError)):
         process.chunk(1)
     process.end()
@@ -135,7 +137,7 @@ def test_a_process_whose_reader_was_killed_ends_without_a_word() -> None:
     program = "from iphyre_jax.data.generated import __main__; __main__.make_chunk = lambda *_: {}; __main__.main()"
     ended, answers = os.pipe()
     os.close(ended)
-    command = [sys.executable, "-P", "-c", program, "7", "official"]
+    command = [sys.executable, "-P", "-c", program, "7", "official", "elements"]
     done = subprocess.run(command, input=b"1\n2\n", stdout=answers, stderr=subprocess.PIPE, timeout=120, check=True)
     os.close(answers)
     assert done.stderr == b""
@@ -162,6 +164,9 @@ def test_reasons_of_scenes_by_hand() -> None:
     assert grades.plans.tolist() == [0, 24, 160]
     removes = (plan_stream(2)[:24, 0] != NEVER).sum()
     assert grades.solved[1] == removes
+    kept = grade_scenes(scenes, worlds, OFFICIAL, np.full(3, 0.5), idle_share=0.6)
+    assert kept.reason.tolist() == [KEPT, filtering.EASY, UNSOLVED]
+    assert kept.plans[0] == 24
 
 
 def test_shares_decide() -> None:
@@ -176,6 +181,26 @@ def test_shares_decide() -> None:
     assert names[3] == "too easy"
     assert reason[4] == KEPT
     assert names[5] == "more contacts than a game has"
+
+
+def test_unions_are_scenes_of_their_own_kind(tmp_path: Path) -> None:
+    unions = generate_scenes(6, 7, kind="unions")
+    assert (unions.columns["basic"] >= 0).all()
+    assert unions.manifest["kind"] == "unions"
+    assert all(scene.name.startswith("unions~7.") for scene in unions.scenes)
+    save_generated(unions, tmp_path / "some.npz")
+    assert load_generated(tmp_path / "some.npz").scenes == unions.scenes
+    manifest = (tmp_path / "some.json").read_text()
+    (tmp_path / "some.json").write_text(manifest.replace('"unions"', '"pairs"'))
+    with pytest.raises(ValueError, match="kind: expected one of elements, unions, got 'pairs'"):
+        load_generated(tmp_path / "some.npz")
+
+
+def test_only_what_solves_itself_is_above_the_last_grade() -> None:
+    rates = np.array([0.01, 0.04, 0.6, 0.61])
+    grades = {"below 0.04": 1, "0.04 to 0.15": 1, "0.15 to 0.35": 0, "0.35 to 0.6": 1, "above 0.6": 1}
+    assert pool._grade_counts(rates) == grades
+    assert "above 0.6" not in pool._grade_counts(rates[:3])
 
 
 def test_files_come_back_and_changes_are_found(small: GeneratedScenes, tmp_path: Path) -> None:
