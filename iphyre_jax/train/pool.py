@@ -9,7 +9,10 @@ Shapes: N scenes of the pool, n of them in an update.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -61,33 +64,48 @@ def with_sum(config: TrainConfig) -> TrainConfig:
     """Return the settings with the SHA-256 sum of their pool; unchanged without a pool.
 
     Raises:
-        OSError, ValueError: one line; the file is missing, changed, of another version, or holds too few scenes.
+        OSError, ValueError: one line; a file is missing, changed, of another version, or holds too few scenes.
     """
     if not config.scene_pool:
         return config
     _load(config)
-    return replace(config, pool_sha256=sum_of(generated_file(config.scene_pool)))
+    return replace(config, pool_sha256=_sum_of_files(_files(config)))
 
 
 def open_pool(config: TrainConfig) -> ScenePool | None:
     """Return the pool of a configuration, None without one; errors as those of `with_sum`."""
     if not config.scene_pool:
         return None
-    return ScenePool.of(_load(config).select(np.arange(config.pool_scenes)).scenes)
+    scenes: list[Scene] = []
+    for generated in _load(config):
+        scenes.extend(generated.select(np.arange(min(len(generated), config.pool_scenes - len(scenes)))).scenes)
+    return ScenePool.of(tuple(scenes))
 
 
-def _load(config: TrainConfig) -> GeneratedScenes:
-    """Read the pool's file if it is the one that the settings name."""
-    file = generated_file(config.scene_pool)
-    if not file.is_file():
-        raise FileNotFoundError(f"scene_pool: expected a file of generated scenes, there is no {file}")
-    found = sum_of(file)
+def _load(config: TrainConfig) -> list[GeneratedScenes]:
+    """Read the pool's files if they are those that the settings name."""
+    files, named = _files(config), config.scene_pool
+    for file in files:
+        if not file.is_file():
+            raise FileNotFoundError(f"scene_pool: expected a file of generated scenes, there is no {file}")
+    found = _sum_of_files(files)
     if config.pool_sha256 not in ("", found):
-        raise ValueError(f"scene_pool: expected {file} with SHA-256 {config.pool_sha256}, got {found}: it was changed")
-    generated = load_generated(file)
-    if len(generated) < config.pool_scenes:
-        raise ValueError(f"pool_scenes: expected at most {len(generated)}, as {file} holds, got {config.pool_scenes}")
+        raise ValueError(f"scene_pool: expected {named} with SHA-256 {config.pool_sha256}, got {found}: it was changed")
+    generated = [load_generated(file) for file in files]
+    if (most := sum(map(len, generated))) < config.pool_scenes:
+        raise ValueError(f"pool_scenes: expected at most {most}, as {named} holds, got {config.pool_scenes}")
     return generated
+
+
+def _files(config: TrainConfig) -> list[Path]:
+    """Return the files of the pool, in order."""
+    return [generated_file(path) for path in config.scene_pool.split(",")]
+
+
+def _sum_of_files(files: Sequence[Path]) -> str:
+    """Return the SHA-256 sum of a file, or of the sums of several."""
+    sums = [sum_of(file) for file in files]
+    return sums[0] if len(sums) == 1 else hashlib.sha256("\n".join(sums).encode()).hexdigest()
 
 
 def start_curriculum(config: TrainConfig) -> Curriculum | tuple[()]:

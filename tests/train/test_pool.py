@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from iphyre_jax.data.generated import GeneratedScenes, save_generated
+from iphyre_jax.data.generated import GeneratedScenes, load_generated, save_generated
 from iphyre_jax.data.generated.canvas import Canvas
 from iphyre_jax.data.generated.pool import scene_columns
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train import collect, loop, pool, trainer
-from iphyre_jax.train.pool import Curriculum, ScenePool, draw_scenes, open_pool, recorded, scene_weights
+from iphyre_jax.train.pool import Curriculum, ScenePool, draw_scenes, open_pool, recorded, scene_weights, with_sum
 from iphyre_jax.train.scenes import groups_of, training_scenes
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import GROUP, TrainConfig
@@ -106,6 +106,21 @@ def test_a_run_is_not_resumed_with_another_pool(tiny: TrainConfig, file: Path, t
     other.with_suffix(".json").write_text(text.replace('"version": 1', '"version": 9'))
     with pytest.raises(ValueError, match='expected schema "iphyre_jax/generated", version 1'):
         open_pool(replace(tiny, scene_pool=str(other)))
+
+
+def test_the_scenes_of_several_files_come_one_after_the_other(tiny: TrainConfig, file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.npz"
+    save_generated(load_generated(file).select(np.array([3, 2, 1, 0])), other)
+    both = replace(tiny, scene_pool=f"{other},{file}", pool_scenes=6)
+    opened, first = open_pool(both), load_generated(file).scenes
+    assert opened is not None
+    assert opened.scenes == (*first[::-1], *first[:2])
+    sums = {with_sum(replace(both, scene_pool=paths)).pool_sha256 for paths in (f"{other},{file}", f"{file},{other}")}
+    assert len(sums) == 2
+    with pytest.raises(ValueError, match=r"^pool_scenes: expected at most 8, as .*,.* holds, got 9$"):
+        open_pool(replace(both, pool_scenes=9))
+    with pytest.raises(FileNotFoundError, match=r"there is no .*none\.npz$"):
+        with_sum(replace(both, scene_pool=f"{file},none.npz"))
 
 
 def test_scenes_that_can_be_learned_from_are_drawn_more_often() -> None:

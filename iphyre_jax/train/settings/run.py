@@ -52,13 +52,14 @@ class TrainConfig:
 
     scene_pool: str = ""
     """Generated scenes to train on as well (in advance only): "shipped", those of the package, or a file, NAME.npz of
-    `iphyre-jax generate`."""
+    `iphyre-jax generate`; several with commas between them."""
 
     pool_sha256: str = ""
-    """SHA-256 sum of that file. A run writes it down when it starts, and resumes with no other file."""
+    """SHA-256 sum of that file, or of the sums of several. A run writes it down when it starts, and resumes with no
+    other file."""
 
     pool_scenes: int = 1000
-    """Train on the first so many scenes of the file; the others can be held out."""
+    """Train on the first so many scenes of the file or files; the others can be held out."""
 
     pool_share: float = 0.5
     """Share of the episodes that the pool gets; 1 for all."""
