@@ -1,4 +1,7 @@
-"""Plays that a ranker learns most from: fresh scenes, and the random plans that it believes in (hard negatives)."""
+"""Plays that a ranker learns most from: fresh scenes, and the random plans that it believes in (hard negatives).
+
+To do nothing is among them always, for some scenes solve themselves.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.training import Params, predict_groups
 from iphyre_jax.scenes import Scene
 
-DRAWN: Final = 160  # random plans of a scene that are judged; of these are played ...
-BEST: Final = 16  # ... those that it believes in most,
+DRAWN: Final = 160  # plans of a scene that are judged: to do nothing, and random ones; of these are played ...
+BEST: Final = 16  # ... to do nothing, and those that it believes in most,
 OTHERS: Final = 8  # ... and some of the others
 STREAM: Final = 99  # of random numbers
 
@@ -26,7 +29,7 @@ STREAM: Final = 99  # of random numbers
 def collect_hard(
     scenes: Sequence[Scene], config: OutcomeConfig, params: Params, number: int, first: int = 0
 ) -> Dataset:
-    """Play the plans of each scene that one ranker believes in, and some others.
+    """Play nothing in each scene, the plans that one ranker believes in, and some others.
 
     Args:
         scenes: which it has not learned from; on others its mistakes are few.
@@ -37,10 +40,13 @@ def collect_hard(
     """
     rng = np.random.default_rng([STREAM, first, number])
     times = np.stack([wide_plans(len(scene.eliminable_blocks), DRAWN, rng) for scene in scenes])
+    times[:, 0] = np.nan
     which = np.repeat(np.arange(len(scenes), dtype=np.int32), DRAWN)
     flat = plan_inputs(scenes, which, times.reshape(len(which), -1), config)
     plans = Plans(*(np.asarray(part).reshape(len(scenes), DRAWN, -1) for part in flat))
-    order = np.argsort(-predict_groups(config, params, scene_inputs(scenes, config), plans)[0], axis=1)
+    chance = predict_groups(config, params, scene_inputs(scenes, config), plans)[0].copy()
+    chance[:, 0] = np.inf
+    order = np.argsort(-chance, axis=1)
     others = np.stack([rng.choice(row[BEST:], OTHERS, replace=False) for row in order])
     played = np.concatenate([order[:, :BEST], others], axis=1)
     times = np.take_along_axis(times, played[..., None], axis=1).reshape(played.size, -1)
