@@ -26,15 +26,17 @@ from benchmarks.learning.agents import check_settings, finished_run
 from benchmarks.learning.carry_over_document import document
 from benchmarks.learning.carry_over_policy import DTYPE, RUNS, TRIES, Policy, forty_row, held_out_row, settings_of_row
 from benchmarks.learning.carry_over_rows import (
+    FRESH,
     FRESH_VARIATIONS,
+    POOL,
     RANKED,
     REFINEMENTS,
     ROWS,
-    SCENES,
-    SEEDS_APART,
     TRAINED_ON,
-    VARIED_FROM,
+    UNIONS,
+    VARIED,
     Ranking,
+    SceneFile,
     members,
     ranker_config,
     ranking_of,
@@ -57,7 +59,7 @@ from iphyre_jax.scenes import SPLITS, Scene
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
@@ -95,22 +97,22 @@ class Arguments:
         return self.out / "carry-over"
 
 
-def pool_file(root: Path, refinement: int = 0) -> Path:
-    """The pool's file, or that of the scenes of a refinement; generated if it is missing."""
-    name, seed = (f"pool-{refinement + 1}", refinement + 1) if refinement else ("pool", 0)  # seed 1: for choices
-    file = root / f"{name}.npz"
+def scene_file(root: Path, of: SceneFile = POOL) -> Path:
+    """The path of generated scenes; they are generated if the file is missing."""
+    file = of.path(root)
     if not file.is_file():
         root.mkdir(parents=True, exist_ok=True)
-        save_generated(generate_scenes(SCENES, seed, journal=root / f"{name}.parts", report=print), file)
+        journal = root / f"{of.name}.parts"
+        save_generated(generate_scenes(of.scenes, of.seed, kind=of.kind, journal=journal, report=print), file)
     return file
 
 
 def fresh_scenes(root: Path, refinement: int) -> tuple[Scene, ...]:
     """Scenes of a refinement, which nothing has learned from before."""
-    fresh = load_generated(pool_file(root, refinement)).scenes
-    if refinement < VARIED_FROM:
+    fresh = load_generated(scene_file(root, FRESH[refinement - 1])).scenes
+    if refinement not in VARIED:
         return fresh
-    varied = (scenes_of(game, FRESH_VARIATIONS, SEEDS_APART * refinement) for game in SPLITS["basic"])
+    varied = (scenes_of(game, FRESH_VARIATIONS, VARIED[refinement]) for game in SPLITS["basic"])
     return (*fresh, *chain.from_iterable(varied))
 
 
@@ -199,8 +201,10 @@ def main(arguments: Arguments) -> None:
         if name not in ROWS:
             raise SystemExit(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
     configure()
-    console, file = Console(), pool_file(arguments.root)
-    tables = {fps: rows(file, fps) for fps in sorted(arguments.fps)}
+    console, file = Console(), scene_file(arguments.root)
+    if preset().fps in arguments.fps:
+        scene_file(arguments.root, UNIONS)
+    tables = {fps: rows(arguments.root, fps) for fps in sorted(arguments.fps)}
     generated = load_generated(file)
     learned, held_out = (generated.select(part).scenes for part in np.split(np.arange(len(generated)), [TRAINED_ON]))
     policies: dict[int, dict[str, Policy]] = {fps: {} for fps in tables}

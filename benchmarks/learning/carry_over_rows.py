@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.policy_tries import GREEDY_BONUS, POLICY_WEIGHT
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, Kind
 from iphyre_jax.models.outcome.ranker import refined
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.settings import settings as outcome_settings
@@ -17,8 +18,28 @@ from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig, preset
 
-SCENES: Final = 20_000  # of the pool's file, seed 0
-TRAINED_ON: Final = 19_000  # the first ones; the others are held out
+
+class SceneFile(NamedTuple):
+    """A file of generated scenes."""
+
+    name: str
+    scenes: int
+    seed: int
+    kind: Kind = DEFAULT_KIND
+
+    def path(self, root: Path) -> Path:
+        """Where it is in a folder."""
+        return root / f"{self.name}.npz"
+
+
+POOL: Final = SceneFile("pool", 20_000, 0)
+TRAINED_ON: Final = 19_000  # the first ones of the pool; the others are held out
+UNIONS: Final = SceneFile("unions", 15_000, 0, "unions")
+FRESH: Final = (  # of each refinement; those of seed 1 are for choices
+    *(SceneFile(f"pool-{seed}", 20_000, seed) for seed in (2, 3, 4)),
+    UNIONS,
+    SceneFile("unions-2", 15_000, 2, "unions"),
+)
 EVERY: Final = 64  # topologies at most; the generator knows fewer
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 DEFAULT: Final = "default"
@@ -30,6 +51,7 @@ CONFIDENT: Final = "confident"  # those, and a greedy plan that the policy is su
 REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies of the default preset
 REFINED_AGAIN: Final = "refined-again"  # those of CONFIDENT, and a classifier refined once more
 PAIRS: Final = "pairs"  # that classifier, and two policies as one
+WITH_UNIONS: Final = "with-unions"  # policies and classifier that learned from unions as well
 POLICIES_OF: Final = MappingProxyType(  # rows with the policies of another one
     {
         ENSEMBLE: DEFAULT,
@@ -41,13 +63,12 @@ POLICIES_OF: Final = MappingProxyType(  # rows with the policies of another one
         PAIRS: LARGE_BATCH,
     }
 )
-ONE_RATE: Final = (REFINED_DEFAULT, REFINED_AGAIN, PAIRS)
+ONE_RATE: Final = (REFINED_DEFAULT, REFINED_AGAIN, PAIRS, WITH_UNIONS)
 MEMBERS: Final = MappingProxyType({ENSEMBLE: 4, PAIRS: 2})  # policies as one; more were no better
 FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier before REFINED_AGAIN
-REFINEMENTS: Final = MappingProxyType({10: 3, 60: 1})  # of each rate's classifier that ships
-VARIED_FROM: Final = 3  # the refinement from which on variations of the basic games are among its scenes ...
-FRESH_VARIATIONS: Final = 1_000  # ... so many of each game
-SEEDS_APART: Final = 10  # of variations of two refinements: those of a seed use the next ones too
+REFINEMENTS: Final = MappingProxyType({10: 5, 60: 1})  # of each rate's classifier that ships
+VARIED: Final = MappingProxyType({3: 30, 5: 50})  # refinements with variations of the basic games too, and their seeds
+FRESH_VARIATIONS: Final = 1_000  # so many of each game
 
 
 class Ranking(NamedTuple):
@@ -67,21 +88,22 @@ def ranking_of(name: str, fps: int) -> Ranking | None:
         REFINED: plain,
         REFINED_DEFAULT: plain,
         CONFIDENT: confident,
-        REFINED_AGAIN: Ranking(REFINEMENTS[fps]),
-        PAIRS: Ranking(REFINEMENTS[fps]),
+        REFINED_AGAIN: Ranking(3),
+        PAIRS: Ranking(3),
+        WITH_UNIONS: Ranking(len(FRESH)),
     }
     return found.get(name)
 
 
-def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
-    """The rows of a rate by name: the default preset, and what differs from it in one thing.
+def rows(root: Path, fps: int) -> Mapping[str, TrainConfig]:
+    """The rows of a rate by name, with scenes in files of a folder: the default preset, and what differs in one thing.
 
     A larger pool takes more updates, or updates of twice the episodes, for which the learning rate is higher and
     minibatches are of whole scenes. The scenes that ship are the first ones of the pool. Those of ONE_RATE are there at
     the rate of the default preset alone.
     """
     base = replace(preset(), fps=fps, resets=RESETS[fps])
-    large = replace(base, scene_pool=str(pool), pool_scenes=TRAINED_ON)
+    large = replace(base, scene_pool=str(POOL.path(root)), pool_scenes=TRAINED_ON)
     batch = replace(
         large,
         updates=240,
@@ -98,10 +120,12 @@ def rows(pool: Path, fps: int) -> Mapping[str, TrainConfig]:
         "small-pool": replace(base, pool_scenes=FEWER),
         "uniform": replace(base, curriculum="uniform"),
         "small-network": replace(base, hidden_sizes=(64, 64)),
+        WITH_UNIONS: replace(
+            batch, scene_pool=f"{UNIONS.path(root)},{POOL.path(root)}", pool_scenes=UNIONS.scenes + TRAINED_ON
+        ),
     }
-    here = [name for name in POLICIES_OF if fps == preset().fps or name not in ONE_RATE]
-    found.update({name: found[POLICIES_OF[name]] for name in here})
-    return MappingProxyType(found)
+    found.update({name: found[of] for name, of in POLICIES_OF.items()})
+    return MappingProxyType({n: row for n, row in found.items() if fps == preset().fps or n not in ONE_RATE})
 
 
 def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> dict[Path, TrainConfig]:

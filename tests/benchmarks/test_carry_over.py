@@ -38,6 +38,7 @@ DIFFER = {
     "confident": LARGE_BATCH,
     "refined-again": LARGE_BATCH,
     "pairs": LARGE_BATCH,
+    "with-unions": LARGE_BATCH,
 }
 
 
@@ -56,19 +57,22 @@ def held(reward: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("fps", [10, 60])
 def test_rows_differ_in_one_thing(fps: int) -> None:
-    table = carry_over_rows.rows(Path("pool.npz"), fps)
+    table = carry_over_rows.rows(Path(), fps)
     base = table["default"]
     for name, config in table.items():
         config.check()
         assert config.fps == fps
         assert config.training_games == SPLITS["basic"]
-        assert config.pool_scenes <= carry_over_rows.TRAINED_ON < carry_over_rows.SCENES or not config.scene_pool
+        own = carry_over_rows.UNIONS.scenes if name == carry_over_rows.WITH_UNIONS else 0  # before those of the pool
+        most = own + carry_over_rows.TRAINED_ON
+        assert config.pool_scenes <= most < own + carry_over_rows.POOL.scenes or not config.scene_pool
         differ = {one.name for one in fields(base) if getattr(base, one.name) != getattr(config, one.name)}
         assert differ == DIFFER[name]
 
 
-def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
-    here, there = (carry_over_rows.rows(Path(root) / "pool.npz", 10)["large-pool"] for root in ("here", "there"))
+@pytest.mark.parametrize("name", ["large-pool", "with-unions"])
+def test_a_row_is_the_same_wherever_its_pool_lies(name: str) -> None:
+    here, there = (carry_over_rows.rows(Path(root), 10)[name] for root in ("here", "there"))
     assert here != there
     assert settings_of_row(here) == settings_of_row(there)
     assert settings_of_row(here) != settings_of_row(replace(there, pool_sha256="1"))
@@ -76,7 +80,7 @@ def test_a_row_is_the_same_wherever_its_pool_lies() -> None:
 
 @pytest.mark.parametrize(("name", "run", "count"), [("ensemble", "default", 4), ("pairs", "large-batch", 2)])
 def test_policies_that_are_one_share_no_run(name: str, run: str, count: int) -> None:
-    plain = carry_over_rows.rows(Path("pool.npz"), 10)[name]
+    plain = carry_over_rows.rows(Path(), 10)[name]
     runs = [carry_over_rows.members(Path(), 10, name, plain, seed) for seed in range(5)]
     folders = [folder for one in runs for folder in one]
     assert folders == [Path(f"10fps/{run}") / f"seed-{seed}" for seed in range(5 * count)]
@@ -84,14 +88,14 @@ def test_policies_that_are_one_share_no_run(name: str, run: str, count: int) -> 
 
 
 def test_other_rows_are_one_run() -> None:
-    plain = carry_over_rows.rows(Path("pool.npz"), 60)["uniform"]
+    plain = carry_over_rows.rows(Path(), 60)["uniform"]
     assert carry_over_rows.members(Path(), 60, "uniform", plain, 3) == {
         Path("60fps/uniform/seed-3"): replace(plain, seed=3)
     }
 
 
 def test_ranked_rows_have_the_policies_of_others() -> None:
-    plain = carry_over_rows.rows(Path("pool.npz"), 10)
+    plain = carry_over_rows.rows(Path(), 10)
     for pair in (
         ("large-batch", "ranked"),
         ("large-batch", "refined"),
@@ -137,15 +141,21 @@ def test_a_ranked_policy_plays_what_the_ranker_believes_in(monkeypatch: pytest.M
     assert seen == [JUDGED + 1]
 
 
-def test_later_refinements_have_variations_among_their_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
-    generated = (load_scene("support"),)
-    monkeypatch.setattr(carry_over, "pool_file", lambda root, number: Path(f"pool-{number}.npz"))
+def test_each_refinement_has_scenes_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    generated, files = (load_scene("support"),), []
+    monkeypatch.setattr(carry_over, "scene_file", lambda root, of: files.append(of) or Path())
     monkeypatch.setattr(carry_over, "load_generated", lambda file: SimpleNamespace(scenes=generated))
     monkeypatch.setattr(carry_over, "FRESH_VARIATIONS", 12)
-    assert carry_over.fresh_scenes(Path(), 2) == generated
-    third, fourth = (carry_over.fresh_scenes(Path(), number)[1:] for number in (3, 4))
-    assert all(110 < len(some) <= 120 for some in (third, fourth))  # a few draws give no valid scene
-    assert all(one not in fourth for one in third)
+    fresh = [carry_over.fresh_scenes(Path(), number) for number in (1, 2, 3, 4)]
+    assert fresh[0] == fresh[1] == fresh[3] == generated
+    assert 110 < len(fresh[2]) <= 121  # with variations; a few draws give no valid scene
+    assert [(file.name, file.seed, file.kind) for file in files] == [
+        ("pool-2", 2, "elements"),
+        ("pool-3", 3, "elements"),
+        ("pool-4", 4, "elements"),
+        ("unions", 0, "unions"),
+    ]
+    assert carry_over_rows.POOL not in files
 
 
 def test_the_document_says_what_every_row_is() -> None:
