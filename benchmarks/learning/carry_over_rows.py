@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.policy_tries import GREEDY_BONUS, POLICY_WEIGHT
-from iphyre_jax.data.generated.drawing import DEFAULT_KIND, Kind
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
 from iphyre_jax.models.outcome.ranker import refined
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.settings import settings as outcome_settings
@@ -25,7 +25,7 @@ class SceneFile(NamedTuple):
     name: str
     scenes: int
     seed: int
-    kind: Kind = DEFAULT_KIND
+    kind: SceneKind = DEFAULT_KIND
 
     def path(self, root: Path) -> Path:
         """Where it is in a folder."""

@@ -14,7 +14,7 @@ from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
-from iphyre_jax.data.generated.drawing import DEFAULT_KIND, Kind
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
 from iphyre_jax.files import check_writable
 
 PICTURES = 40  # of a sheet
@@ -35,7 +35,7 @@ class Generate:
     """Seed of the scenes."""
     protocol: Literal["official", "smooth"] = "official"
     """Random plans are played at 10 steps a second, as agents learn, or at 60."""
-    kind: Kind = DEFAULT_KIND
+    kind: SceneKind = DEFAULT_KIND
     """Elements of the basic games, or unions of two basic games each."""
     describe: Annotated[Path | None, option("FILE", "Describe this file instead.", "")] = None
     sheet: Annotated[Path | None, option("PICTURE", "Draw 40 of the scenes too; needs the extra viewer.", "none")] = (

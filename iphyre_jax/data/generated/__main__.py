@@ -10,7 +10,7 @@ import sys
 from typing import cast
 
 from iphyre_jax.data.generated.chunks import make_chunk
-from iphyre_jax.data.generated.drawing import Kind
+from iphyre_jax.data.generated.drawing import SceneKind
 from iphyre_jax.data.generated.workers import LENGTH
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.execution import configuration
@@ -20,7 +20,7 @@ from iphyre_jax.files import pack_npz
 
 def main() -> None:
     """Answer until the input ends."""
-    seed, protocol, kind = int(sys.argv[1]), protocol_named(sys.argv[2]), cast(Kind, sys.argv[3])
+    seed, protocol, kind = int(sys.argv[1]), protocol_named(sys.argv[2]), cast(SceneKind, sys.argv[3])
     answers, requests = open_answers(), request_lines()
     configuration.configure(devices=1)  # the other cores have processes of their own
     while True:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from iphyre_jax.data.generated.canvas import Canvas, Ints
 from iphyre_jax.data.generated.distance import NEAREST, distances_to_test_games
-from iphyre_jax.data.generated.drawing import CHUNK, KINDS, STREAM, Kind, draw_chunk
+from iphyre_jax.data.generated.drawing import CHUNK, KINDS, STREAM, SceneKind, draw_chunk
 from iphyre_jax.data.generated.filtering import DTYPE, KEPT, NEAR, NO_ROOM, Compiled, grade_scenes
 from iphyre_jax.data.generated.pool import scene_columns, scene_name
 from iphyre_jax.envs.protocols import EpisodeProtocol
@@ -31,7 +31,7 @@ class _Drawn(NamedTuple):
     worlds: list[Compiled]
 
 
-def make_chunk(seed: int, chunk: int, protocol: EpisodeProtocol, kind: Kind) -> Arrays:
+def make_chunk(seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> Arrays:
     """Return the kept scenes of a chunk as arrays, and the reasons of all.
 
     Args:
@@ -43,7 +43,7 @@ def make_chunk(seed: int, chunk: int, protocol: EpisodeProtocol, kind: Kind) -> 
     return _play(_draw(seed, chunk, protocol, kind), seed, chunk, protocol, kind)
 
 
-def _draw(seed: int, chunk: int, protocol: EpisodeProtocol, kind: Kind) -> _Drawn:
+def _draw(seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> _Drawn:
     """Draw a chunk and compile the scenes that are to be played."""
     canvas, whole, basic = draw_chunk(seed, chunk, kind)
     reason, distance = np.full(CHUNK, NO_ROOM, np.int8), np.full(CHUNK, np.inf)
@@ -55,7 +55,7 @@ def _draw(seed: int, chunk: int, protocol: EpisodeProtocol, kind: Kind) -> _Draw
     return _Drawn(canvas, basic, distance, reason, scenes, worlds)
 
 
-def _play(drawn: _Drawn, seed: int, chunk: int, protocol: EpisodeProtocol, kind: Kind) -> Arrays:
+def _play(drawn: _Drawn, seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> Arrays:
     """Return the kept scenes of a chunk as arrays, and the reasons of all."""
     lots = np.random.default_rng([seed, STREAM + 1, chunk]).random(CHUNK)
     rows, reason = np.flatnonzero(drawn.reason == KEPT), drawn.reason.copy()

@@ -20,8 +20,8 @@ from iphyre_jax.data.generated.unions import draw_unions
 CHUNK: Final = 2048
 STREAM: Final = 20_26  # beside the seed, so that scenes draw other numbers than anything else
 
-Kind = Literal["elements", "unions"]
-DEFAULT_KIND: Final[Kind] = "elements"
+SceneKind = Literal["elements", "unions"]
+DEFAULT_KIND: Final[SceneKind] = "elements"
 
 
 class Drawing(NamedTuple):
@@ -38,12 +38,12 @@ class Drawing(NamedTuple):
     idle_share: float = 0.0
 
 
-KINDS: Final[Mapping[Kind, Drawing]] = MappingProxyType(
+KINDS: Final[Mapping[SceneKind, Drawing]] = MappingProxyType(
     {"elements": Drawing(draw_compositions), "unions": Drawing(draw_unions, (1,), 0.2)}
 )
 
 
-def draw_chunk(seed: int, chunk: int, kind: Kind) -> tuple[Canvas, Ints, Ints]:
+def draw_chunk(seed: int, chunk: int, kind: SceneKind) -> tuple[Canvas, Ints, Ints]:
     """Draw the scenes chunk x CHUNK to (chunk + 1) x CHUNK - 1 of a seed.
 
     Returns:

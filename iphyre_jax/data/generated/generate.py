@@ -11,7 +11,7 @@ from typing import Final
 
 from iphyre_jax.checks import MAX_SEED, check_option, check_whole
 from iphyre_jax.data.generated.chunks import Arrays
-from iphyre_jax.data.generated.drawing import CHUNK, DEFAULT_KIND, KINDS, Kind
+from iphyre_jax.data.generated.drawing import CHUNK, DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.pool import GeneratedScenes
 from iphyre_jax.data.generated.workers import all_chunks
 from iphyre_jax.data.journal import Journal, journal_in
@@ -28,7 +28,7 @@ def generate_scenes(
     seed: int = 0,
     *,
     protocol: str = "official",
-    kind: Kind = DEFAULT_KIND,
+    kind: SceneKind = DEFAULT_KIND,
     journal: str | os.PathLike[str] | None = None,
     report: Callable[[str], None] | None = None,
 ) -> GeneratedScenes:
@@ -78,7 +78,7 @@ def generate_scenes(
 
 
 def _entry(
-    journal: Journal, seed: int, protocol: EpisodeProtocol, kind: Kind, number: int, work: Callable[[], Arrays]
+    journal: Journal, seed: int, protocol: EpisodeProtocol, kind: SceneKind, number: int, work: Callable[[], Arrays]
 ) -> Arrays:
     """Return a chunk from the journal if it is there, else work it out and keep it there."""
     return journal.entry({"generated": RECIPE, "seed": seed, "kind": kind, "chunk": number, **vars(protocol)}, {}, work)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
-from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, Kind
+from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
@@ -53,7 +53,7 @@ _COLUMNS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
 }
 
 
-def scene_name(kind: Kind, seed: int, number: int) -> str:
+def scene_name(kind: SceneKind, seed: int, number: int) -> str:
     """Return the name of a generated scene."""
     return f"{'generated' if kind == DEFAULT_KIND else kind}~{seed}.{number}"
 
@@ -94,7 +94,7 @@ class GeneratedScenes:
 
     @classmethod
     def of_chunks(
-        cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol, kind: Kind
+        cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol, kind: SceneKind
     ) -> GeneratedScenes:
         """Return the first `count` scenes of chunks, and how many were drawn until the last of them."""
         columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in _COLUMNS}

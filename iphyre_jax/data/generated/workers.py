@@ -22,7 +22,7 @@ from typing import IO, Final, cast
 import numpy as np
 
 from iphyre_jax.data.generated.chunks import Arrays, make_chunk
-from iphyre_jax.data.generated.drawing import Kind
+from iphyre_jax.data.generated.drawing import SceneKind
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.forks import end_process, import_path
@@ -35,7 +35,7 @@ Keep = Callable[[int, Callable[[], Arrays]], Arrays]
 """Of a chunk's number and of what works it out: the chunk, perhaps as it was kept."""
 
 
-def all_chunks(seed: int, protocol: EpisodeProtocol, kind: Kind, keep: Keep) -> Generator[Arrays]:
+def all_chunks(seed: int, protocol: EpisodeProtocol, kind: SceneKind, keep: Keep) -> Generator[Arrays]:
     """Yield chunks 0, 1, ... without end, each as `keep` returns it.
 
     The first is worked out here, with all threads, for it often suffices. The others come from processes, one for each
@@ -69,7 +69,7 @@ class ChunkProcesses:
         count: the number of processes; so many threads may ask at once.
     """
 
-    def __init__(self, seed: int, protocol: EpisodeProtocol, kind: Kind, count: int) -> None:
+    def __init__(self, seed: int, protocol: EpisodeProtocol, kind: SceneKind, count: int) -> None:
         self._seed, self._protocol, self._kind, self._closed = seed, protocol, kind, Event()
         self._all = [ChunkProcess(seed, protocol.name, kind) for _ in range(count)]
         self._idle: SimpleQueue[ChunkProcess] = SimpleQueue()

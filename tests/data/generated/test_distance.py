@@ -93,7 +93,7 @@ def slow_distance(scene: Scene, game: Scene) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "least"), [("elements", 300), ("unions", 150)])
 def test_no_scene_that_is_played_is_near_a_test_game(
-    kind: drawing.Kind, least: int, monkeypatch: pytest.MonkeyPatch
+    kind: drawing.SceneKind, least: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (drawing, chunks):
         monkeypatch.setattr(module, "CHUNK", 512)

@@ -10,7 +10,7 @@ import pytest
 from iphyre_jax.data.generated import displaced, drawing, elements
 from iphyre_jax.data.generated.canvas import BALLS, BARS, PIN, SPRING, Canvas, Element, place
 from iphyre_jax.data.generated.displaced import displaced_games
-from iphyre_jax.data.generated.drawing import KINDS, Kind, draw_chunk
+from iphyre_jax.data.generated.drawing import KINDS, SceneKind, draw_chunk
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, load_scene
 from iphyre_jax.scenes.compile import topology_of
@@ -27,16 +27,16 @@ def small_chunks() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module", params=KINDS)
-def kind(request: pytest.FixtureRequest) -> Kind:
-    return cast(Kind, request.param)
+def kind(request: pytest.FixtureRequest) -> SceneKind:
+    return cast(SceneKind, request.param)
 
 
 @pytest.fixture(scope="module")
-def chunk(small_chunks: None, kind: Kind) -> tuple[Canvas, np.ndarray, np.ndarray]:
+def chunk(small_chunks: None, kind: SceneKind) -> tuple[Canvas, np.ndarray, np.ndarray]:
     return draw_chunk(3, 1, kind)
 
 
-def test_the_same_seed_draws_the_same_scenes(chunk: tuple[Canvas, np.ndarray, np.ndarray], kind: Kind) -> None:
+def test_the_same_seed_draws_the_same_scenes(chunk: tuple[Canvas, np.ndarray, np.ndarray], kind: SceneKind) -> None:
     again, other = draw_chunk(3, 1, kind), draw_chunk(4, 1, kind)
     canvases = (vars(one[0]).values() for one in (chunk, again, other))
     for first, second, third in zip(*canvases, strict=True):
@@ -45,7 +45,7 @@ def test_the_same_seed_draws_the_same_scenes(chunk: tuple[Canvas, np.ndarray, np
     np.testing.assert_array_equal(chunk[1], again[1])
 
 
-def test_scenes_are_valid_and_of_few_topologies(chunk: tuple[Canvas, np.ndarray, np.ndarray], kind: Kind) -> None:
+def test_scenes_are_valid_and_of_few_topologies(chunk: tuple[Canvas, np.ndarray, np.ndarray], kind: SceneKind) -> None:
     canvas, whole, basic = chunk
     assert len(whole) > {"elements": 0.9, "unions": 0.4}[kind] * CHUNK
     scenes = [canvas.scene(row, f"s{row}") for row in whole]

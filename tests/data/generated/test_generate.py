@@ -99,7 +99,7 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
     drawn: list[int] = []
     original = workers.make_chunk
 
-    def noted(seed: int, chunk: int, protocol: EpisodeProtocol, kind: drawing.Kind) -> chunks.Arrays:
+    def noted(seed: int, chunk: int, protocol: EpisodeProtocol, kind: drawing.SceneKind) -> chunks.Arrays:
         drawn.append(chunk)
         return original(seed, chunk, protocol, kind)
 
