@@ -67,7 +67,7 @@ def settings_of_row(
 
     Of the pool's path only the name counts: its sum says what is in it, wherever it lies.
     """
-    named = replace(config, scene_pool=",".join(Path(path).name for path in config.scene_pool.split(",")))
+    named = replace(config, scene_pool=",".join(Path(path).name for path in config.pool_paths))
     found: dict[str, Any] = {"settings": json.loads(json.dumps(named.to_json()))}
     if count > 1:
         found["members"] = count

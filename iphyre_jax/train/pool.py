@@ -99,7 +99,7 @@ def _load(config: TrainConfig) -> list[GeneratedScenes]:
 
 def _files(config: TrainConfig) -> list[Path]:
     """Return the files of the pool, in order."""
-    return [generated_file(path) for path in config.scene_pool.split(",")]
+    return [generated_file(path) for path in config.pool_paths]
 
 
 def _sum_of_files(files: Sequence[Path]) -> str:

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import show
+from iphyre_jax.checks import check_option, show
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
@@ -195,8 +195,7 @@ def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
             raise ValueError(f"{npz}: {name}: expected {dtype} of shape {wanted}, got {got}")
     if unknown := sorted(set(columns) - set(_COLUMNS)):
         raise ValueError(f"{npz}: {show(unknown[0])}: expected no such array")
-    if manifest.setdefault("kind", DEFAULT_KIND) not in KINDS:
-        raise ValueError(f"{described}: kind: expected one of {', '.join(KINDS)}, got {show(manifest['kind'])}")
+    check_option(f"{described}: kind", manifest.setdefault("kind", DEFAULT_KIND), tuple(KINDS))
     if type(manifest.get("seed")) is not int:
         raise ValueError(f"{described}: seed: expected a whole number, got {show(manifest.get('seed'))}")
     return GeneratedScenes(columns, manifest)

@@ -155,6 +155,11 @@ class TrainConfig:
         return max(1, self.episodes_per_scene // GROUP) if self.variations or self.scene_pool else 1
 
     @property
+    def pool_paths(self) -> tuple[str, ...]:
+        """The paths of the pool's files, in order."""
+        return tuple(self.scene_pool.split(",")) if self.scene_pool else ()
+
+    @property
     def world_model(self) -> str:
         """The world model that predicts: its name in the package, or its run folder; "" if none does."""
         return "" if self.prediction in (ZEROS, PERFECT) else self.prediction

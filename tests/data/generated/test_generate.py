@@ -191,9 +191,10 @@ def test_unions_are_scenes_of_their_own_kind(tmp_path: Path) -> None:
     save_generated(unions, tmp_path / "some.npz")
     assert load_generated(tmp_path / "some.npz").scenes == unions.scenes
     manifest = (tmp_path / "some.json").read_text()
-    (tmp_path / "some.json").write_text(manifest.replace('"unions"', '"pairs"'))
-    with pytest.raises(ValueError, match="kind: expected one of elements, unions, got 'pairs'"):
-        load_generated(tmp_path / "some.npz")
+    for wrong, shown in (('"pairs"', "'pairs'"), ("[]", "a list of 0")):
+        (tmp_path / "some.json").write_text(manifest.replace('"unions"', wrong))
+        with pytest.raises(ValueError, match=rf"some\.json: kind: expected one of elements, unions, got {shown}"):
+            load_generated(tmp_path / "some.npz")
 
 
 def test_only_what_solves_itself_is_above_the_last_grade() -> None:
