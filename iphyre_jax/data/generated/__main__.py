@@ -11,6 +11,7 @@ from typing import cast
 
 from iphyre_jax.data.generated.chunks import make_chunk
 from iphyre_jax.data.generated.drawing import SceneKind
+from iphyre_jax.data.generated.pool import GeneratorSettings
 from iphyre_jax.data.generated.workers import LENGTH
 from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.execution import configuration
@@ -20,11 +21,12 @@ from iphyre_jax.files import pack_npz
 
 def main() -> None:
     """Answer until the input ends."""
-    seed, protocol, kind = int(sys.argv[1]), protocol_named(sys.argv[2]), cast(SceneKind, sys.argv[3])
+    seed, protocol, kind = sys.argv[1:]
+    settings = GeneratorSettings(int(seed), protocol_named(protocol), cast(SceneKind, kind))
     answers, requests = open_answers(), request_lines()
     configuration.configure(devices=1)  # the other cores have processes of their own
     while True:
-        content = pack_npz(make_chunk(seed, int(requests.get()), protocol, kind))
+        content = pack_npz(make_chunk(settings, int(requests.get())))
         send(answers, len(content).to_bytes(LENGTH, "big") + content)
 
 

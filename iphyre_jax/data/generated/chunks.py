@@ -1,4 +1,4 @@
-"""A chunk of scenes: draw them, refuse, play, keep. A function of the seed and the chunk's number."""
+"""A chunk of scenes: draw them, refuse, play, keep. A function of the settings and the chunk's number."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from iphyre_jax.data.generated.canvas import Canvas, Ints
 from iphyre_jax.data.generated.distance import NEAREST, distances_to_test_games
-from iphyre_jax.data.generated.drawing import CHUNK, KINDS, STREAM, SceneKind, draw_chunk
+from iphyre_jax.data.generated.drawing import CHUNK, KINDS, STREAM, draw_chunk
 from iphyre_jax.data.generated.filtering import DTYPE, KEPT, NEAR, NO_ROOM, Compiled, grade_scenes
-from iphyre_jax.data.generated.pool import scene_columns, scene_name
-from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.data.generated.pool import GeneratorSettings, scene_columns, scene_name
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene
 
@@ -31,35 +30,34 @@ class _Drawn(NamedTuple):
     worlds: list[Compiled]
 
 
-def make_chunk(seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> Arrays:
+def make_chunk(settings: GeneratorSettings, chunk: int) -> Arrays:
     """Return the kept scenes of a chunk as arrays, and the reasons of all.
 
     Args:
-        seed: of the scenes.
+        settings: of the scenes.
         chunk: its number; it holds the scenes from chunk x CHUNK.
-        protocol: rate and reset at which plans are played.
-        kind: of the scenes.
     """
-    return _play(_draw(seed, chunk, protocol, kind), seed, chunk, protocol, kind)
+    return _play(_draw(settings, chunk), settings, chunk)
 
 
-def _draw(seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> _Drawn:
+def _draw(settings: GeneratorSettings, chunk: int) -> _Drawn:
     """Draw a chunk and compile the scenes that are to be played."""
-    canvas, whole, basic = draw_chunk(seed, chunk, kind)
+    canvas, whole, basic = draw_chunk(settings.seed, chunk, settings.kind)
     reason, distance = np.full(CHUNK, NO_ROOM, np.int8), np.full(CHUNK, np.inf)
     distance[whole] = distances_to_test_games(canvas.take(whole))
     reason[whole] = np.where(distance[whole] < NEAREST, NEAR, KEPT)
     rows = np.flatnonzero(reason == KEPT).tolist()
-    scenes = [canvas.scene(row, scene_name(kind, seed, chunk * CHUNK + row)) for row in rows]
-    worlds = [compile_scene(scene, resets=protocol.resets, dtype=DTYPE) for scene in scenes]
+    scenes = [canvas.scene(row, scene_name(settings.kind, settings.seed, chunk * CHUNK + row)) for row in rows]
+    worlds = [compile_scene(scene, resets=settings.protocol.resets, dtype=DTYPE) for scene in scenes]
     return _Drawn(canvas, basic, distance, reason, scenes, worlds)
 
 
-def _play(drawn: _Drawn, seed: int, chunk: int, protocol: EpisodeProtocol, kind: SceneKind) -> Arrays:
+def _play(drawn: _Drawn, settings: GeneratorSettings, chunk: int) -> Arrays:
     """Return the kept scenes of a chunk as arrays, and the reasons of all."""
-    lots = np.random.default_rng([seed, STREAM + 1, chunk]).random(CHUNK)
+    lots = np.random.default_rng([settings.seed, STREAM + 1, chunk]).random(CHUNK)
     rows, reason = np.flatnonzero(drawn.reason == KEPT), drawn.reason.copy()
-    grades = grade_scenes(drawn.scenes, drawn.worlds, protocol, lots[rows], KINDS[kind].idle_share)
+    idle_share = KINDS[settings.kind].idle_share
+    grades = grade_scenes(drawn.scenes, drawn.worlds, settings.protocol, lots[rows], idle_share)
     reason[rows] = grades.reason
     taken = grades.reason == KEPT
     kept = rows[taken]

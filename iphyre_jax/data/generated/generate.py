@@ -12,10 +12,10 @@ from typing import Final
 from iphyre_jax.checks import MAX_SEED, check_option, check_whole
 from iphyre_jax.data.generated.chunks import Arrays
 from iphyre_jax.data.generated.drawing import CHUNK, DEFAULT_KIND, KINDS, SceneKind
-from iphyre_jax.data.generated.pool import GeneratedScenes
+from iphyre_jax.data.generated.pool import GeneratedScenes, GeneratorSettings
 from iphyre_jax.data.generated.workers import all_chunks
 from iphyre_jax.data.journal import Journal, journal_in
-from iphyre_jax.envs.protocols import EpisodeProtocol, protocol_named
+from iphyre_jax.envs.protocols import protocol_named
 from iphyre_jax.memory import check_memory
 
 RECIPE: Final = 1  # a higher number for other scenes of the same seed
@@ -59,13 +59,13 @@ def generate_scenes(
     check_whole("count", count, 1, MOST)
     check_whole("seed", seed, 0, MAX_SEED)
     check_option("kind", kind, tuple(KINDS))
-    rates = protocol_named(protocol)
+    settings = GeneratorSettings(seed, protocol_named(protocol), kind)
     check_memory("count", count * BYTES_OF_SCENE, "generate fewer at a time, with other seeds")
     chunks: list[Arrays] = []
     kept, start = 0, time.monotonic()
     with (
         journal_in(journal, report) as notes,
-        closing(all_chunks(seed, rates, kind, partial(_entry, notes, seed, rates, kind))) as given,
+        closing(all_chunks(settings, partial(_entry, notes, settings))) as given,
     ):
         for chunk in given:
             chunks.append(chunk)
@@ -74,11 +74,10 @@ def generate_scenes(
             notes.report(f"{min(kept, count)} of {count} kept, {drawn} drawn, {kept / seconds:.0f} kept a second")
             if kept >= count:
                 break
-    return GeneratedScenes.of_chunks(chunks, count, seed, rates, kind)
+    return GeneratedScenes.of_chunks(chunks, count, settings)
 
 
-def _entry(
-    journal: Journal, seed: int, protocol: EpisodeProtocol, kind: SceneKind, number: int, work: Callable[[], Arrays]
-) -> Arrays:
+def _entry(journal: Journal, settings: GeneratorSettings, number: int, work: Callable[[], Arrays]) -> Arrays:
     """Return a chunk from the journal if it is there, else work it out and keep it there."""
-    return journal.entry({"generated": RECIPE, "seed": seed, "kind": kind, "chunk": number, **vars(protocol)}, {}, work)
+    of = {"seed": settings.seed, "kind": settings.kind, "chunk": number, **vars(settings.protocol)}
+    return journal.entry({"generated": RECIPE, **of}, {}, work)

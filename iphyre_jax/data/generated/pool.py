@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +51,14 @@ _COLUMNS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
     "link": ("int8", (BALLS,)),
     "anchor": ("int8", (BALLS,)),
 }
+
+
+class GeneratorSettings(NamedTuple):
+    """What decides the scenes that are drawn and kept, beside their number."""
+
+    seed: int
+    protocol: EpisodeProtocol  # rate and reset at which plans are played
+    kind: SceneKind
 
 
 def scene_name(kind: SceneKind, seed: int, number: int) -> str:
@@ -93,19 +101,17 @@ class GeneratedScenes:
         return len(self.columns["number"])
 
     @classmethod
-    def of_chunks(
-        cls, chunks: Sequence[Columns], count: int, seed: int, protocol: EpisodeProtocol, kind: SceneKind
-    ) -> GeneratedScenes:
+    def of_chunks(cls, chunks: Sequence[Columns], count: int, settings: GeneratorSettings) -> GeneratedScenes:
         """Return the first `count` scenes of chunks, and how many were drawn until the last of them."""
         columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in _COLUMNS}
         drawn = int(columns["number"][-1]) + 1
         reasons = np.bincount(np.concatenate([chunk["reason"] for chunk in chunks])[:drawn], minlength=len(REASONS))
-        nearest = columns["distance"].min()
+        nearest, protocol = columns["distance"].min(), settings.protocol
         manifest = {
             "schema": SCHEMA,
             "version": VERSION,
-            "seed": seed,
-            "kind": kind,
+            "seed": settings.seed,
+            "kind": settings.kind,
             "protocol": protocol.name,
             "fps": protocol.fps,
             "resets": protocol.resets,

@@ -22,8 +22,7 @@ from typing import IO, Final, cast
 import numpy as np
 
 from iphyre_jax.data.generated.chunks import Arrays, make_chunk
-from iphyre_jax.data.generated.drawing import SceneKind
-from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.data.generated.pool import GeneratorSettings
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.forks import end_process, import_path
 
@@ -35,18 +34,18 @@ Keep = Callable[[int, Callable[[], Arrays]], Arrays]
 """Of a chunk's number and of what works it out: the chunk, perhaps as it was kept."""
 
 
-def all_chunks(seed: int, protocol: EpisodeProtocol, kind: SceneKind, keep: Keep) -> Generator[Arrays]:
+def all_chunks(settings: GeneratorSettings, keep: Keep) -> Generator[Arrays]:
     """Yield chunks 0, 1, ... without end, each as `keep` returns it.
 
     The first is worked out here, with all threads, for it often suffices. The others come from processes, one for each
     thread that may play.
     """
-    yield keep(0, partial(make_chunk, seed, 0, protocol, kind))
+    yield keep(0, partial(make_chunk, settings, 0))
     threads = configuration.threads()
     if threads == 1:
         for number in count(1):
-            yield keep(number, partial(make_chunk, seed, number, protocol, kind))
-    with closing(ChunkProcesses(seed, protocol, kind, threads)) as processes, ThreadPoolExecutor(threads) as helpers:
+            yield keep(number, partial(make_chunk, settings, number))
+    with closing(ChunkProcesses(settings, threads)) as processes, ThreadPoolExecutor(threads) as helpers:
         ahead: deque[Future[Arrays]] = deque()
         try:
             for number in count(1):
@@ -63,15 +62,13 @@ class ChunkProcesses:
     """Processes that work out chunks; each starts when it is first needed.
 
     Args:
-        seed: of the scenes.
-        protocol: rate and reset at which plans are played.
-        kind: of the scenes.
+        settings: of the scenes.
         count: the number of processes; so many threads may ask at once.
     """
 
-    def __init__(self, seed: int, protocol: EpisodeProtocol, kind: SceneKind, count: int) -> None:
-        self._seed, self._protocol, self._kind, self._closed = seed, protocol, kind, Event()
-        self._all = [ChunkProcess(seed, protocol.name, kind) for _ in range(count)]
+    def __init__(self, settings: GeneratorSettings, count: int) -> None:
+        self._settings, self._closed = settings, Event()
+        self._all = [ChunkProcess(settings) for _ in range(count)]
         self._idle: SimpleQueue[ChunkProcess] = SimpleQueue()
         for process in self._all:
             self._idle.put(process)
@@ -88,7 +85,7 @@ class ChunkProcesses:
         except (OSError, EOFError):
             if self._closed.is_set():
                 raise
-            return make_chunk(self._seed, number, self._protocol, self._kind)  # and says what is wrong
+            return make_chunk(self._settings, number)  # and says what is wrong
         finally:
             self._idle.put(process)
 
@@ -102,8 +99,8 @@ class ChunkProcesses:
 class ChunkProcess:
     """A process that works out one chunk after another."""
 
-    def __init__(self, seed: int, protocol: str, kind: str) -> None:
-        self._arguments = (str(seed), protocol, kind)
+    def __init__(self, settings: GeneratorSettings) -> None:
+        self._arguments = (str(settings.seed), settings.protocol.name, settings.kind)
         self._running: subprocess.Popen[bytes] | None = None
 
     def chunk(self, number: int) -> Arrays:

@@ -7,6 +7,7 @@ from iphyre_jax.data.generated import chunks, drawing, load_generated
 from iphyre_jax.data.generated.canvas import Canvas
 from iphyre_jax.data.generated.distance import NEAREST, TEST_SPLITS, distances_to_test_games
 from iphyre_jax.data.generated.filtering import KEPT, NEAR
+from iphyre_jax.data.generated.pool import GeneratorSettings
 from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, vary
 
@@ -97,7 +98,7 @@ def test_no_scene_that_is_played_is_near_a_test_game(
 ) -> None:
     for module in (drawing, chunks):
         monkeypatch.setattr(module, "CHUNK", 512)
-    drawn = chunks._draw(5, 0, PROTOCOLS["official"], kind)
+    drawn = chunks._draw(GeneratorSettings(5, PROTOCOLS["official"], kind), 0)
     played = np.flatnonzero(drawn.reason == KEPT)
     assert len(drawn.scenes) == len(played) > least
     games = [load_scene(name) for name in HELD_BACK]

@@ -25,7 +25,7 @@ from iphyre_jax.data.generated import (
 )
 from iphyre_jax.data.generated.distance import NEAREST
 from iphyre_jax.data.generated.filtering import IDLE, KEPT, REASONS, UNSOLVED, grade_scenes, plan_stream
-from iphyre_jax.envs.protocols import PROTOCOLS, EpisodeProtocol
+from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.execution import configuration
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene, SceneBuilder, load_scene
@@ -99,9 +99,9 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
     drawn: list[int] = []
     original = workers.make_chunk
 
-    def noted(seed: int, chunk: int, protocol: EpisodeProtocol, kind: drawing.SceneKind) -> chunks.Arrays:
+    def noted(settings: pool.GeneratorSettings, chunk: int) -> chunks.Arrays:
         drawn.append(chunk)
-        return original(seed, chunk, protocol, kind)
+        return original(settings, chunk)
 
     monkeypatch.setattr(workers, "make_chunk", noted)
     assert generate_scenes(20, 7, journal=tmp_path / "parts").scenes == small.scenes
@@ -126,7 +126,7 @@ def test_processes_give_the_same_scenes(small: GeneratedScenes, monkeypatch: pyt
 @pytest.mark.parametrize("program", ["", "print('something else')", SHORT_ANSWER])
 def test_an_answer_that_is_none_is_an_error(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "COMMAND", (sys.executable, "-P", "-c", program))
-    process = workers.ChunkProcess(7, "official", "elements")
+    process = workers.ChunkProcess(pool.GeneratorSettings(7, OFFICIAL, "elements"))
     with pytest.raises((EOFError, BrokenPipeError)):
         process.chunk(1)
     process.end()
