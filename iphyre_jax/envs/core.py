@@ -16,7 +16,6 @@ from typing import Any, Final, Literal, get_args
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 
 from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, show
@@ -28,7 +27,6 @@ from iphyre_jax.envs.params import EnvParams, EnvState, Worlds
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
-from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.interrupts import as_interrupts
 from iphyre_jax.observations.vectors import ObservationName, observation_size
@@ -54,7 +52,7 @@ class Environment:
         games: names of the games, in the order of the parameters from `make`.
         strategy: how actions become removals.
         protocol: rate of the physics.
-        topologies: those that its games may have.
+        topologies: those that play its games, see `physics.shared_topologies`.
         dtype: of the physics, "float32" or "float64".
         observation: "official", twelve rows and the candidates, float32 in [0, 1]; "motion", the same with velocities
             and time, Markov except for the solver's cached impulses; "image", (size, size, 3) uint8.
@@ -122,12 +120,6 @@ class Environment:
             ValueError: a scene has a topology that the environment lacks; one line.
         """
         check_fork()
-        for scene in scenes:
-            if cached_world(scene, self.protocol.resets, self.dtype)[0] not in self.topologies:
-                raise ValueError(
-                    f"scenes: expected topologies of this environment, but {scene.name} has another; "
-                    "make the environment with this scene among its own"
-                )
         params: EnvParams = self.worlds.params(scenes)
         return params
 
@@ -143,9 +135,8 @@ class Environment:
         """
         check_params(params)
         game = check_whole("game", game, 0, params.games - 1)
-        topology_id = int(np.asarray(params.topology_id)[game])
-        one = replace(self, games=self.games[game : game + 1], topologies=(self.topologies[topology_id],))
-        return one, self.worlds.single_game(params, game)
+        topology, own = self.worlds.single_game(params, game)
+        return replace(self, games=self.games[game : game + 1], topologies=(topology,)), own
 
     def alone(self, params: EnvParams, game: int) -> tuple[Environment, EnvParams]:
         """Do what `single_game` does; deprecated."""

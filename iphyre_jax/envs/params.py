@@ -11,9 +11,11 @@ import jax
 
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.protocols import EpisodeProtocol
+from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.observations.features import Features, Pose
 from iphyre_jax.observations.vectors import ObservationName
-from iphyre_jax.physics.types import Topology
+from iphyre_jax.physics.shared_topologies import can_play, with_absent
+from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.scenes import Limits, Scene
 
 
@@ -64,13 +66,32 @@ class Worlds(ABC):
     limits: Limits
     no_op: bool
 
-    @abstractmethod
-    def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
-        """Return scenes as parameters."""
+    def compiled(self, scene: Scene) -> tuple[int, World]:
+        """Return which of the topologies plays a scene, and its world (host).
+
+        Raises:
+            ValueError: none can; one line.
+        """
+        own, world = cached_world(scene, self.protocol.resets, self.dtype)
+        for topology_id, shared in enumerate(self.topologies):
+            if can_play(shared, own):
+                return topology_id, with_absent(shared, own, world)
+        raise ValueError(
+            f"scenes: expected topologies of this environment, but {scene.name} has another; "
+            "make the environment with this scene among its own"
+        )
 
     @abstractmethod
-    def single_game(self, params: Any, game: int) -> Any:  # noqa: ANN401
-        """Return the parameters of one game, for its topology only (host)."""
+    def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
+        """Return scenes as parameters.
+
+        Raises:
+            ValueError: see `compiled`.
+        """
+
+    @abstractmethod
+    def single_game(self, params: Any, game: int) -> tuple[Topology, Any]:  # noqa: ANN401
+        """Return the topology of one game, without constraints that it lacks, and its parameters for that (host)."""
 
     @abstractmethod
     def reset(self, params: Any, game: jax.Array) -> tuple[jax.Array, Any]:  # noqa: ANN401

@@ -15,6 +15,7 @@ from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
+from iphyre_jax.physics.shared_topologies import shared_topologies
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scenes
 
@@ -151,7 +152,7 @@ def environment_of(
         games=tuple(scene.name for scene in scenes),
         strategy=strategy_named(strategy, official_bugs=official_bugs, slots=limits.blocks),
         protocol=chosen,
-        topologies=tuple(dict.fromkeys(topology for topology, _ in compiled)),
+        topologies=shared_topologies(topology for topology, _ in compiled),
         dtype=dtype,
         observation=observation,
         image_size=_image_size(image_size, observation),

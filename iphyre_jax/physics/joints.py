@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
-from iphyre_jax.physics.types import STATIC, Motions, State, Timing, Topology, World
+from iphyre_jax.physics.types import ABSENT, STATIC, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
 
 
@@ -40,7 +40,7 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> C
         delta = second - first
         distance = length(delta)
         normal = delta * (1.0 / jnp.where(distance == 0, jnp.inf, distance))
-        gone = jnp.any(_holder(world, k) & ~state.alive, axis=0)
+        gone = jnp.any(_holder(world, k) & ~state.alive, axis=0) | (world.anchor_static[k] == ABSENT)
         mass = jnp.full_like(distance, 1.0 if STATIC in (i, j) else 0.5)
         if k < len(topology.pins):
             error = product(-timing.bias, distance - world.pin_length[k])
@@ -49,6 +49,14 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> C
             force = (SPRING_REST - distance) * SPRING_STIFFNESS
             constraints.append(Constraint(~gone, normal, mass, jnp.zeros_like(distance), product(force, timing.dt)))
     return constraints
+
+
+def initial_rank(topology: Topology, world: World) -> jax.Array:
+    """Return the constraints' ranks in the solve order before any removal; (0,) with fewer than three."""
+    if len(topology.constraint_ends) < 3:
+        return jnp.zeros((0, *world.anchor_static.shape[1:]), jnp.int32)
+    present = world.anchor_static != ABSENT
+    return jnp.where(present, jnp.cumsum(present, axis=0, dtype=jnp.int32) - 1, -1)
 
 
 def _holder(world: World, k: int) -> jax.Array:

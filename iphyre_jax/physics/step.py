@@ -41,8 +41,6 @@ def initial_state(topology: Topology, world: World) -> State:
     motion = Motion(at_rest, zero, at_rest, zero)
     slots = (3, topology.slots, *lane)
     impulses = jnp.zeros(slots, zero.dtype)
-    constraints = len(topology.constraint_ends)
-    constraint_rank = jnp.arange(constraints if constraints > 2 else 0, dtype=jnp.int32).reshape(-1, *(1,) * len(lane))
     blank = BroadPhase(
         Box(zero, zero, zero, zero),
         jnp.asarray(world.start_path),
@@ -61,7 +59,7 @@ def initial_state(topology: Topology, world: World) -> State:
         gjk_start=jnp.zeros((len(topology.bar_pairs) if world.exact else 0, *lane), jnp.int32),
         cache=Cache(jnp.full(slots, -1, jnp.int32), impulses, impulses),
         pin_impulse=jnp.zeros((len(topology.pins), *lane), zero.dtype),
-        constraint_rank=jnp.broadcast_to(constraint_rank, (constraint_rank.shape[0], *lane)),
+        constraint_rank=joints.initial_rank(topology, world),
         step=jnp.zeros(lane, jnp.int32),
         overflow=jnp.zeros(lane, bool),
     )

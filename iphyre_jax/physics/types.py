@@ -24,6 +24,7 @@ from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.physics.vector import Vec
 
 STATIC = -1  # the end of a joint or spring that is held by a static bar
+ABSENT = -2  # in `World.anchor_static`: the world lacks this constraint of its topology
 MAX_BODIES = 15  # moving ones; the tag of a contact point has four bits for each of its two bodies
 MAX_SLOTS = 1024  # of contacts
 
@@ -114,7 +115,7 @@ class World:
     valid: jax.Array  # (S,) bool, False for unused room
     plan_slot: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
     anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
-    anchor_static: jax.Array  # (constraints,) int32, static index of that bar, -1 for none
+    anchor_static: jax.Array  # (constraints,) int32, static index of that bar, -1 for none, or ABSENT
     pin_length: jax.Array  # (pins,) px
     point_class: jax.Array  # (4, bar pairs) int32, see `initial_order.point_classes`
     leaf_order: jax.Array  # (n,) int32, moving bodies in the order in which the broad phase updates them
@@ -250,7 +251,7 @@ class State:
     gjk_start: jax.Array  # (bar pairs,) int32, side at which the last search ended (`gjk`); float32: no rows
     cache: Cache
     pin_impulse: jax.Array  # (pins,) px/s
-    constraint_rank: jax.Array  # (constraints,) int32, in the reference's list; (0,) with fewer than three
+    constraint_rank: jax.Array  # (constraints,) int32, in the reference's list, -1 for none; (0,) with fewer than 3
     step: jax.Array  # () int32, steps made
     overflow: jax.Array  # () bool, a step had more contact points than slots
 

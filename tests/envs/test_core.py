@@ -136,9 +136,12 @@ def test_nested_maps_and_a_map_over_params() -> None:
 
 
 def test_a_game_alone_is_as_if_nothing_else_had_been_made() -> None:
-    iphyre_jax.register("pair-v1", ["hole", "pendulum"])
-    env, params = iphyre_jax.make("on-the-fly/pair-v1")
-    for game in ("hole", "pendulum"):
+    """They share a topology, with a pin and a spring, which none has alone."""
+    games = ("hole", "pendulum", "spring")
+    iphyre_jax.register("three-v1", games)
+    env, params = iphyre_jax.make("on-the-fly/three-v1")
+    assert len(env.topologies) == 1
+    for game in games:
         one, own = env.single_game(params, env.games.index(game))
         made, given = iphyre_jax.make(f"on-the-fly/{game}-v1")
         assert one == made != env

@@ -25,13 +25,13 @@ from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
 from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution import interrupts
-from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
 from iphyre_jax.observations.official import COLUMNS
 from iphyre_jax.observations.vectors import observation_size
+from iphyre_jax.physics.shared_topologies import without_absent
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
@@ -75,10 +75,10 @@ class HostWorlds(Worlds):
 
     def params(self, scenes: Sequence[Scene]) -> HostParams:
         """Return scenes as parameters."""
-        built = [cached_world(scene, self.protocol.resets, self.dtype) for scene in scenes]
-        topology_id = [self.topologies.index(topology) for topology, _ in built]
+        built = [self.compiled(scene) for scene in scenes]
+        topology_id = [one for one, _ in built]
         features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
-        rows = [self._row(*pair, own) for pair, own in zip(built, features, strict=True)]
+        rows = [self._row(self.topologies[one], world, own) for (one, world), own in zip(built, features, strict=True)]
         table = np.zeros((len(rows), max(map(len, rows))), WORD[self.dtype])
         for k, row in enumerate(rows):
             table[k, : len(row)] = row
@@ -100,19 +100,20 @@ class HostWorlds(Worlds):
         """Layout of the features in a packed scene, padded to the largest topology."""
         return _feature_layout(self.topologies, self.limits, self.dtype)
 
-    def single_game(self, params: HostParams, game: int) -> HostParams:
-        """Return the parameters of one game, for its topology only (host)."""
-        topology = self.topologies[int(params.topology_id[game])]
+    def single_game(self, params: HostParams, game: int) -> tuple[Topology, HostParams]:
+        """Return the topology and the parameters of one game; see `params.Worlds`."""
+        shared = self.topologies[int(params.topology_id[game])]
         first = ID_WORDS + self.features.rows
-        layout = scene_layout(topology, self.dtype)
+        layout = scene_layout(shared, self.dtype)
         words = np.asarray(params.scenes)[game, first : first + layout.rows]
-        world = jax.tree.map(lambda leaf: leaf[..., 0], layout.unpack_numpy(words[:, None]))[0]
+        padded = jax.tree.map(lambda leaf: leaf[..., 0], layout.unpack_numpy(words[:, None]))[0]
+        topology, world = without_absent(shared, padded)
         one = replace(self, topologies=(topology,))
         with jax.enable_x64(self.dtype == "float64"):
             features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
             row = one._row(topology, world, features)
             stacked = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], features)
-            return HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked)
+            return topology, HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked)
 
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return the observation and the state of an episode before its first step."""

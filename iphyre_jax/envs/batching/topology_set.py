@@ -63,10 +63,6 @@ class TopologySet:
             episodes = [jax.eval_shape(partial(initial_episode, t), w) for t, w in zip(topologies, worlds, strict=True)]
         return cls(topologies, tuple(map(PaddedShapes.of, worlds)), tuple(map(PaddedShapes.of, episodes)))
 
-    def only(self, topology_id: int) -> TopologySet:
-        """Return the set of one of the topologies."""
-        return TopologySet((self.topologies[topology_id],), (self.worlds[topology_id],), (self.episodes[topology_id],))
-
     @property
     def world(self) -> PaddedShapes:
         """The shapes of a padded world."""

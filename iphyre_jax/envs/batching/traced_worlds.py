@@ -14,9 +14,10 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, initial_episode
 from iphyre_jax.envs.batching.status import Status, status_of
 from iphyre_jax.envs.batching.topology_set import Games, TopologySet
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
-from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.observations.features import Features, Pose, own_features, pose_of, scene_tables
 from iphyre_jax.observations.vectors import observe
+from iphyre_jax.physics.shared_topologies import without_absent
+from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import EpisodeState
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
@@ -69,23 +70,24 @@ class TracedWorlds(Worlds):
         topology_ids, rows = [], []
         with jax.enable_x64(self.dtype == "float64"):
             for scene in scenes:
-                topology, world = cached_world(scene, self.protocol.resets, self.dtype)
-                topology_ids.append(self.topologies.index(topology))
-                rows.append((topology_set.world.pad(world), topology_set.episode.pad(initial_episode(topology, world))))
+                topology_id, world = self.compiled(scene)
+                topology_ids.append(topology_id)
+                episode = initial_episode(self.topologies[topology_id], world)
+                rows.append((topology_set.world.pad(world), topology_set.episode.pad(episode)))
             world, episode = _table(rows)
             features = _table([scene_tables(scene, self.topologies, self.dtype) for scene in scenes])
             return TracedParams(Games(world, jnp.asarray(topology_ids, jnp.int32)), episode, features)
 
-    def single_game(self, params: TracedParams, game: int) -> TracedParams:
-        """Return the parameters of one game, for its topology only (host)."""
+    def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:
+        """Return the topology and the parameters of one game; see `params.Worlds`."""
         topology_id = int(params.table.topology_id[game])
-        of = self.topology_set.only(topology_id)
         with jax.enable_x64(self.dtype == "float64"):
-            tables = params.table.world, params.start, params.features
-            world, first, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], tables)
-            own = of.world.unpad(world), of.episode.unpad(first), own_features(features, self.topologies[topology_id])
-            world, first, features = jax.tree.map(lambda leaf: jnp.asarray(leaf[None]), own)
-            return TracedParams(Games(world, jnp.zeros(1, jnp.int32)), first, features)
+            padded, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], (params.table.world, params.features))
+            shared = self.topologies[topology_id]
+            topology, world = without_absent(shared, self.topology_set.worlds[topology_id].unpad(padded))
+            own = world, initial_episode(topology, world), own_features(features, topology)
+            world, first, features = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], own)
+            return topology, TracedParams(Games(world, jnp.zeros(1, jnp.int32)), first, features)
 
     def reset(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
         """Return the observation and the state of an episode before its first step."""

@@ -1,0 +1,112 @@
+"""Worlds of a topology that has more constraints than they need: the same bits, whatever is absent, and where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import iphyre_jax
+from iphyre_jax import physics
+from iphyre_jax.physics.shared_topologies import MOST, can_play, shared_topologies, with_absent, without_absent
+from iphyre_jax.physics.types import ABSENT, STATIC, Topology
+from iphyre_jax.scenes.compile import compile_scene, step_timing, topology_of
+from tests.physics.worlds import make_scene
+
+BARS = [(100.0, 500.0, 200.0, 520.0), (400.0, 500.0, 500.0, 480.0), (250.0, 300.0, 350.0, 300.0)]
+BALLS = [(100.0, 100.0, 20.0), (180.0, 160.0, 20.0), (400.0, 100.0, 20.0)]
+TIES = {  # objects 0 to 2 are the bars, 3 to 5 the balls
+    "none": ((), ()),
+    "one pin": (((0, 3),), ()),
+    "a pin and a spring": (((3, 4),), ((1, 5),)),
+    "four, two at a bar": (((0, 3), (1, 4)), ((0, 5), (2, 3))),
+}
+FRAMES = 40
+REMOVED = {10: 0, 25: 1}  # before which step which bar goes
+
+
+def assert_equal(one: Any, other: Any) -> None:
+    """Compare trees of arrays; a zero may have another sign."""
+    jax.tree.map(np.testing.assert_array_equal, one, other)
+
+
+@partial(jax.jit, static_argnums=0)
+def _play(topology: Topology, world: Any, timing: Any) -> Any:
+    """Return the state after each step; columns of the plan are the bars."""
+
+    def one(state: Any, k: jax.Array) -> tuple[Any, Any]:
+        column = jnp.full((), -2, jnp.int32)
+        for step, bar in REMOVED.items():
+            column = jnp.where(k == step, bar, column)
+        state = physics.eliminate(topology, world, state, world.plan_slot == column)
+        state = physics.step(topology, world, timing, state)
+        return state, state
+
+    return jax.lax.scan(one, physics.initial_state(topology, world), jnp.arange(FRAMES))[1]
+
+
+def _with_more(own: Topology) -> Topology:
+    """Return a topology with further constraints before, between and behind those of another one."""
+    pins = tuple(one for end in own.pins for one in (end, (STATIC, 2)))
+    return replace(own, pins=((0, 2), *pins), springs=((STATIC, 1), *own.springs, (1, 2)))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("ties", TIES)
+def test_absent_constraints_change_no_bit(ties: str, dtype: str) -> None:
+    """Bars that hold constraints go on the way; from three constraints on the last one takes the place of theirs."""
+    with jax.enable_x64(dtype == "float64"):
+        pins, springs = TIES[ties]
+        scene = make_scene(BALLS, BARS, joints=pins, springs=springs)
+        own, world = compile_scene(scene, dtype=dtype)
+        shared, timing = _with_more(own), step_timing(60, dtype)
+        alone, among = _play(own, world, timing), _play(shared, with_absent(shared, own, world), timing)
+        assert (np.asarray(world.plan_slot)[:3] >= 0).all()
+        for name in ("position", "angle", "motion", "alive", "cache", "broad"):
+            assert_equal(getattr(among, name), getattr(alone, name))
+        moved = np.asarray(alone.position.x)
+        assert np.abs(moved[-1] - moved[0]).max() > 1 or ties == "none"
+
+
+def test_what_is_absent_can_be_left_out_again() -> None:
+    scene = make_scene(BALLS, BARS, joints=TIES["four, two at a bar"][0], springs=TIES["four, two at a bar"][1])
+    own, world = compile_scene(scene)
+    shared = _with_more(own)
+    padded = with_absent(shared, own, world)
+    assert (padded.anchor_static == ABSENT).sum() == len(shared.constraint_ends) - 4
+    topology, again = without_absent(shared, padded)
+    assert topology == own
+    assert_equal(again, world)
+
+
+def test_the_forty_games_share_seven_topologies() -> None:
+    """Those that differ in pins and springs alone; each game is played by one of them."""
+    games = [topology_of(iphyre_jax.load_scene(game)) for game in iphyre_jax.GAMES]
+    shared = shared_topologies(games)
+    bodies = {(one.bars, one.balls) for one in games}
+    assert len(shared) == len(bodies) == 7 < len(set(games))
+    assert all(sum(can_play(one, own) for one in shared) == 1 for own in games)
+
+
+def test_a_shared_topology_keeps_the_order_of_each_list() -> None:
+    ball = Topology(bars=0, balls=3, num_static=10, pins=(), springs=(), slots=12)
+    one, other = replace(ball, pins=((0, 1), (STATIC, 2))), replace(ball, pins=((STATIC, 2), (0, 1)))
+    (shared,) = shared_topologies([one, other, ball])
+    assert shared.pins == ((0, 1), (STATIC, 2), (0, 1))
+    assert can_play(shared, one)
+    assert can_play(shared, other)
+    assert not can_play(one, other)
+    with pytest.raises(ValueError, match=r"^shared: expected the bodies and constraints of .*, got .*$"):
+        with_absent(one, other, compile_scene(make_scene(BALLS, BARS))[1])
+
+
+def test_too_many_constraints_are_not_joined() -> None:
+    ball = Topology(bars=0, balls=3, num_static=10, pins=(), springs=(), slots=12)
+    many, others = (replace(ball, **{kind: ((0, 1),) * (MOST - 1)}) for kind in ("pins", "springs"))
+    assert shared_topologies([many, others]) == (many, others)
+    assert shared_topologies([replace(ball, slots=16), ball]) == (replace(ball, slots=16), ball)
