@@ -102,13 +102,13 @@ class Environment:
         return HostWorlds(*shared, self.final_observation) if self.backend == "host" else TracedWorlds(*shared)
 
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
-        """Return parameters of other games with the same topologies.
+        """Return parameters of other games, which its topologies can play.
 
         Args:
             scenes: names, files or scenes; each episode plays one of them at random.
 
         Raises:
-            ValueError: no scenes, a bad one, or one with another topology; one line.
+            ValueError: no scenes, a bad one, or one that no topology can play; one line.
             OSError: a scene file cannot be read.
         """
         return self.params_of(load_scenes(scenes, self.limits))
@@ -117,7 +117,7 @@ class Environment:
         """Return scenes as parameters; see `params`.
 
         Raises:
-            ValueError: a scene has a topology that the environment lacks; one line.
+            ValueError: a scene that no topology of the environment can play; one line.
         """
         check_fork()
         params: EnvParams = self.worlds.params(scenes)

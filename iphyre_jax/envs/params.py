@@ -66,27 +66,28 @@ class Worlds(ABC):
     limits: Limits
     no_op: bool
 
-    def compiled(self, scene: Scene) -> tuple[int, World]:
-        """Return which of the topologies plays a scene, and its world (host).
+    def world_of(self, scene: Scene) -> tuple[int, World]:
+        """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).
 
         Raises:
             ValueError: none can; one line.
         """
         own, world = cached_world(scene, self.protocol.resets, self.dtype)
-        for topology_id, shared in enumerate(self.topologies):
-            if can_play(shared, own):
-                return topology_id, with_absent(shared, own, world)
-        raise ValueError(
-            f"scenes: expected topologies of this environment, but {scene.name} has another; "
-            "make the environment with this scene among its own"
-        )
+        able = [k for k, shared in enumerate(self.topologies) if can_play(shared, own)]
+        if not able:
+            raise ValueError(
+                f"scenes: expected topologies of this environment, but {scene.name} has another; "
+                "make the environment with this scene among its own"
+            )
+        topology_id = min(able, key=lambda k: len(self.topologies[k].constraint_ends))
+        return topology_id, with_absent(self.topologies[topology_id], own, world)
 
     @abstractmethod
     def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
         """Return scenes as parameters.
 
         Raises:
-            ValueError: see `compiled`.
+            ValueError: see `world_of`.
         """
 
     @abstractmethod

@@ -147,10 +147,17 @@ def official_rows(features: Features, pose: Pose) -> jax.Array:
 
 
 def scaled_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
-    """Return x1, y1, x2, y2 of each moving body as observed, (4,) float32 in [0, 1]; ends: of `Features`."""
-    # Hidden from the compiler, which would multiply by 1 / 600 instead, and so round differently.
-    screen = jax.lax.optimization_barrier(jnp.full((), SCREEN, jnp.float32))
-    return [(body.astype(jnp.float32) / screen).clip(0.0, 1.0) for body in _body_ends(ends, pose)]
+    """Return x1, y1, x2, y2 of each moving body as observed, (4,) float32 in [0, 1]; ends: of `Features`.
+
+    What it returns for a world that is no longer finite is to be replaced.
+    """
+    # The compiler would multiply by the inverse of a constant, or of what is broadcast, which rounds differently. So
+    # the divisor depends on the world, and each number is divided by itself; the barrier is for `backend="xla"`.
+    screen = jax.lax.optimization_barrier(jnp.where(pose.sound, jnp.float32(SCREEN), jnp.float32(1)))
+    return [
+        jnp.stack([number.astype(jnp.float32) / screen for number in body]).clip(0.0, 1.0)
+        for body in _body_ends(ends, pose)
+    ]
 
 
 def speeds(episode: EpisodeState) -> list[jax.Array]:

@@ -1,14 +1,15 @@
 """Topologies that share a program: those of scenes that differ in their pins and springs alone.
 
 A shared topology has the constraints of them all. In a world of it, those that the scene lacks are ABSENT: they never
-push, and have no rank in the solve order. So a batch that mixes games needs fewer programs, and each world is played to
-the same bits.
+push, and have no rank in the solve order. So a batch that mixes games needs fewer programs, and each world is played as
+by its own: in float64 to the last bit, but for the sign of a zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import astuple, replace
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -24,9 +25,9 @@ Source = npt.NDArray[np.intp]  # (constraints,) index of each constraint in anot
 
 
 def shared_topologies(topologies: Iterable[Topology]) -> tuple[Topology, ...]:
-    """Return fewer topologies, which can play the worlds of all given ones, in the order of their first appearance."""
+    """Return the fewest topologies that can play the worlds of all given ones, whatever their order."""
     found: list[Topology] = []
-    for own in topologies:
+    for own in sorted(set(topologies), key=astuple):
         for k, shared in enumerate(found):
             if (joined := _joined(shared, own)) is not None:
                 found[k] = joined
@@ -47,6 +48,8 @@ def with_absent(shared: Topology, own: Topology, world: World) -> World:
     Raises:
         ValueError: the shared one lacks a constraint, or has other bodies; one line.
     """
+    if shared == own:
+        return world
     if (source := _source(shared, own)) is None:
         raise ValueError(f"shared: expected the bodies and constraints of {own}, got {shared}")
     return _rearranged(world, source, len(shared.pins))
@@ -62,8 +65,6 @@ def without_absent(shared: Topology, world: World) -> tuple[Topology, World]:
 
 def _joined(shared: Topology, own: Topology) -> Topology | None:
     """Return the topology with the constraints of both; None if they differ in more, or there are too many."""
-    if can_play(shared, own):
-        return shared
     if not _alike(shared, own):
         return None
     joined = replace(shared, pins=_merged(shared.pins, own.pins), springs=_merged(shared.springs, own.springs))
@@ -92,6 +93,7 @@ def _places(ends: Ends, others: Ends) -> list[int]:
     return places
 
 
+@lru_cache(4096)
 def _source(shared: Topology, own: Topology) -> Source | None:
     """Return which constraint of its own topology each of a shared one is; None if it cannot play worlds of it."""
     if not _alike(shared, own):
@@ -101,6 +103,7 @@ def _source(shared: Topology, own: Topology) -> Source | None:
         return None
     source = np.full(len(shared.constraint_ends), -1, np.intp)
     source[[*pins, *(len(shared.pins) + place for place in springs)]] = np.arange(len(own.constraint_ends))
+    source.flags.writeable = False  # it is kept
     return source
 
 

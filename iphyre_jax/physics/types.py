@@ -114,7 +114,7 @@ class World:
     static_centre: Vec  # (S,) px
     valid: jax.Array  # (S,) bool, False for unused room
     plan_slot: jax.Array  # (S,) int32, the plan's column that eliminates this bar, -1 for none
-    anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move)
+    anchor: Vec  # (constraints,) px, the static end's centre (0 where both ends move, or ABSENT)
     anchor_static: jax.Array  # (constraints,) int32, static index of that bar, -1 for none, or ABSENT
     pin_length: jax.Array  # (pins,) px
     point_class: jax.Array  # (4, bar pairs) int32, see `initial_order.point_classes`

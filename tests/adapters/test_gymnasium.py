@@ -40,7 +40,7 @@ def _random_actions(rng: np.random.Generator, strategy: str, count: int) -> np.n
 )
 def test_the_vector_environment_is_its_single_ones(strategy: str, games: str) -> None:
     if games not in {name.partition("/")[2] for name in iphyre_jax.environment_ids()}:
-        iphyre_jax.register(games, ["support", "pendulum"])  # of different topologies
+        iphyre_jax.register(games, ["support", "multi_ball_hole"])  # of different topologies
     adapters.register_gymnasium()
     count, rng = 4, np.random.default_rng(0)
     vector = gymnasium.make_vec(f"iphyre/{strategy}-{games}", num_envs=count)

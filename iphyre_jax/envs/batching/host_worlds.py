@@ -75,7 +75,7 @@ class HostWorlds(Worlds):
 
     def params(self, scenes: Sequence[Scene]) -> HostParams:
         """Return scenes as parameters."""
-        built = [self.compiled(scene) for scene in scenes]
+        built = [self.world_of(scene) for scene in scenes]
         topology_id = [one for one, _ in built]
         features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
         rows = [self._row(self.topologies[one], world, own) for (one, world), own in zip(built, features, strict=True)]

@@ -70,7 +70,7 @@ class TracedWorlds(Worlds):
         topology_ids, rows = [], []
         with jax.enable_x64(self.dtype == "float64"):
             for scene in scenes:
-                topology_id, world = self.compiled(scene)
+                topology_id, world = self.world_of(scene)
                 topology_ids.append(topology_id)
                 episode = initial_episode(self.topologies[topology_id], world)
                 rows.append((topology_set.world.pad(world), topology_set.episode.pad(episode)))

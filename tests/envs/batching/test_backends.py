@@ -16,8 +16,10 @@ import pytest
 
 import iphyre_jax
 from iphyre_jax.envs import Environment, EnvParams
+from iphyre_jax.envs.core import BackendName
 
-GAMES = ["support", "pendulum"]
+BACKENDS: tuple[BackendName, ...] = ("host", "xla")
+GAMES = ["support", "multi_ball_hole"]
 # Strategy, games and options: two topologies once, for compiling both into one program takes long.
 CASES = [
     ("on-the-fly", "backends-v1", {"observation": "motion", "final_observation": True}),
@@ -29,6 +31,7 @@ CASES = [
 @pytest.fixture(scope="session")  # a module's would come again in a worker that is handed one of its tests later
 def two() -> str:
     iphyre_jax.register("backends-v1", GAMES)
+    assert len(iphyre_jax.make("on-the-fly/backends-v1")[0].topologies) == 2
     return "backends-v1"
 
 
@@ -62,7 +65,7 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
     """In float64, to the last bit: what is seen, rewards, flags and infos, autoreset included."""
     told = []
     with jax.enable_x64(True):
-        for backend in ("host", "xla"):
+        for backend in BACKENDS:
             env, params = iphyre_jax.make(f"{strategy}/{games}", dtype="float64", backend=backend, **options)
             actions = actions_of(env, (160 if strategy == "on-the-fly" else 8, 5))
             told.append(played(env, params, actions))
@@ -73,6 +76,32 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
     terminated, truncated = told[0][1][2:4]
     assert (terminated | truncated).any()
     assert told[0][1][4]["eliminations"].max() > 0
+
+
+@pytest.mark.slow
+def test_a_game_plays_in_a_mixture_as_alone() -> None:
+    """Hole, pendulum and spring share a topology; alone none has a constraint that it lacks."""
+    iphyre_jax.register("shared-v1", ["hole", "pendulum", "spring"])
+    with jax.enable_x64(True):
+        made = {
+            backend: iphyre_jax.make("on-the-fly/shared-v1", dtype="float64", autoreset=False, backend=backend)
+            for backend in BACKENDS
+        }
+        env, params = made["host"]
+        actions = actions_of(env, (60, 3))
+        mixed = played(env, params, actions)
+        assert mixed[1][4]["eliminations"].max(axis=0).min() > 0
+        for info in (mixed[1][4], mixed[1][6]):
+            np.testing.assert_array_equal(info.pop("game")[0], np.arange(3))
+        for game, backend in ((0, "host"), (1, "host"), (2, "host"), (1, "xla")):
+            of, table = made[backend]
+            one, own = of.single_game(table, game)
+            assert [len(topology.constraint_ends) for topology in (*of.topologies, *one.topologies)] == [2, game > 0]
+            obs, rest = played(one, own, actions[:, game : game + 1])
+            assert not any(info.pop("game").any() for info in (rest[4], rest[6]))
+            np.testing.assert_array_equal(obs[0], mixed[0][game])
+            for leaf, among in zip(*map(jax.tree.leaves, (rest, mixed[1])), strict=True):
+                np.testing.assert_array_equal(leaf[:, 0], among[:, game])
 
 
 @pytest.mark.slow
@@ -128,7 +157,7 @@ import hashlib
 import jax, jax.numpy as jnp, numpy as np
 import iphyre_jax
 {call}
-iphyre_jax.register("own-v1", ["hole", "pendulum"])
+iphyre_jax.register("own-v1", ["hole", "multi_ball_hole"])
 env, params = iphyre_jax.make("on-the-fly/own-v1")
 keys = jax.random.split(jax.random.key(0), 6)
 seen, state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)

@@ -18,7 +18,7 @@ COUNTERS = ("success", "fault", "eliminations", "time")
 
 @pytest.fixture(scope="module")
 def two() -> str:
-    iphyre_jax.register("unrolled-v1", ["support", "pendulum"])
+    iphyre_jax.register("unrolled-v1", ["support", "multi_ball_hole"])
     with pytest.raises(ValueError, match="name: expected a free name"):
         iphyre_jax.register("unrolled-v1", ["support"])
     return "unrolled-v1"
