@@ -25,7 +25,7 @@ Source = npt.NDArray[np.intp]  # (constraints,) index of each constraint in anot
 
 
 def shared_topologies(topologies: Iterable[Topology]) -> tuple[Topology, ...]:
-    """Return the fewest topologies that can play the worlds of all given ones, whatever their order."""
+    """Join topologies that differ in their constraints alone, up to MOST of these; their order does not matter."""
     found: list[Topology] = []
     for own in sorted(set(topologies), key=astuple):
         for k, shared in enumerate(found):
