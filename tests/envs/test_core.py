@@ -18,6 +18,7 @@ from iphyre_jax.envs.strategies import STRATEGIES
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.scenes.compile import compile_scene
+from tests.trees import assert_equal_trees
 
 BATCH = 8
 
@@ -54,13 +55,6 @@ def batched_step(env: Any) -> Any:
 
 def actions(seed: int = 0, count: int = BATCH, steps: int = 12) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 3, (count, steps)).astype(np.int32)
-
-
-def assert_equal(one: Any, other: Any) -> None:
-    assert jax.tree.structure(one) == jax.tree.structure(other)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b)
 
 
 def test_trees_shapes_and_types_do_not_depend_on_x64() -> None:
@@ -128,7 +122,7 @@ def test_nested_maps_and_a_map_over_params() -> None:
     env, params = environment()
     flat = batched(env)(keys(0), actions(), params)
     nested = jax.vmap(batched(env), in_axes=(0, 0, None))(keys(0).reshape(2, 4), actions().reshape(2, 4, -1), params)
-    assert_equal(jax.tree.map(lambda leaf: leaf.reshape(BATCH, *leaf.shape[2:]), nested), flat)
+    assert_equal_trees(jax.tree.map(lambda leaf: leaf.reshape(BATCH, *leaf.shape[2:]), nested), flat)
     tables = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[env.params([game]) for game in ("support", "hole")])
     mapped = jax.vmap(env.reset, in_axes=(None, 0))(jax.random.key(0), tables)[0]
     for obs, game in zip(mapped, ("support", "hole"), strict=True):
@@ -146,7 +140,7 @@ def test_a_game_alone_is_as_if_nothing_else_had_been_made() -> None:
         made, given = iphyre_jax.make(f"on-the-fly/{game}-v1")
         assert one == made != env
         assert one.games == (game,)
-        assert_equal(own, given)
+        assert_equal_trees(own, given)
 
 
 def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
@@ -167,12 +161,12 @@ def test_autoreset_goes_on_and_keeps_the_last_observation() -> None:
     assert bool(auto[3])
     assert float(auto[2]) == float(kept[2]) > 900
     assert int(env.worlds.status(params, auto[1]).step) == 0
-    assert_equal(jax.tree.leaves(auto[5]), jax.tree.leaves(kept[5]))
+    assert_equal_trees(jax.tree.leaves(auto[5]), jax.tree.leaves(kept[5]))
     later = plays[False][-1]  # ended, it stays: no reward, the same flags and observation
     assert float(later[2]) == 0
     assert bool(later[3])
-    assert_equal(later[0], kept[0])
-    assert_equal(later[1], kept[1])
+    assert_equal_trees(later[0], kept[0])
+    assert_equal_trees(later[1], kept[1])
 
 
 @pytest.mark.slow

@@ -13,13 +13,7 @@ from iphyre_jax import load_scene
 from iphyre_jax.execution.compilation.description import describe, from_description
 from iphyre_jax.execution.programs import Score, world_layout
 from iphyre_jax.scenes.compile import compile_scene
-
-
-def assert_same(one: Any, other: Any) -> None:
-    assert jax.tree.structure(one) == jax.tree.structure(other)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b)
+from tests.trees import assert_equal_trees
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -30,9 +24,9 @@ def test_worlds_cross_the_border_whole(game: str, dtype: str) -> None:
     table = layout.pack_many([world, world])
     assert table.shape == (layout.rows, 2)
     stacked = jax.tree.map(lambda leaf: np.stack([leaf, leaf], axis=-1), world)
-    assert_same(layout.unpack_numpy(table), stacked)
+    assert_equal_trees(layout.unpack_numpy(table), stacked)
     with jax.enable_x64(dtype == "float64"):
-        assert_same(layout.unpack(jax.numpy.asarray(table)), stacked)
+        assert_equal_trees(layout.unpack(jax.numpy.asarray(table)), stacked)
         np.testing.assert_array_equal(layout.pack(stacked), table)
     numbers = layout.first_rows().start.x
     np.testing.assert_array_equal(table[numbers : numbers + topology.moving, 0].view(dtype), world.start.x)

@@ -17,6 +17,7 @@ from iphyre_jax.physics.shared_topologies import MOST, can_play, shared_topologi
 from iphyre_jax.physics.types import ABSENT, STATIC, Topology
 from iphyre_jax.scenes.compile import compile_scene, step_timing, topology_of
 from tests.physics.worlds import make_scene
+from tests.trees import assert_equal_trees
 
 BARS = [(100.0, 500.0, 200.0, 520.0), (400.0, 500.0, 500.0, 480.0), (250.0, 300.0, 350.0, 300.0)]
 BALLS = [(100.0, 100.0, 20.0), (180.0, 160.0, 20.0), (400.0, 100.0, 20.0)]
@@ -38,11 +39,6 @@ MORE = {  # the constraints of a shared topology with those of another one
 }
 FRAMES = 40
 REMOVED = {10: 0, 25: 1}  # before which step which bar goes
-
-
-def assert_equal(one: Any, other: Any) -> None:
-    """Compare trees of arrays; a zero may have another sign."""
-    jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -82,7 +78,7 @@ def test_absent_constraints_change_no_bit(ties: str, more: str, dtype: str) -> N
         alone, among = _play(own, world, timing), _play(shared, with_absent(shared, own, world), timing)
         assert (np.asarray(world.plan_slot)[:3] >= 0).all()
         for name in ("position", "angle", "motion", "alive", "cache", "broad"):
-            assert_equal(getattr(among, name), getattr(alone, name))
+            assert_equal_trees(getattr(among, name), getattr(alone, name))
         moved = np.asarray(alone.position.x)
         assert np.abs(moved[-1] - moved[0]).max() > 1 or ties == "none"
 
@@ -95,7 +91,7 @@ def test_what_is_absent_can_be_left_out_again() -> None:
     assert (padded.anchor_static == ABSENT).sum() == len(shared.constraint_ends) - 4
     topology, again = without_absent(shared, padded)
     assert topology == own
-    assert_equal(again, world)
+    assert_equal_trees(again, world)
 
 
 def test_the_forty_games_share_seven_topologies() -> None:

@@ -17,6 +17,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax.envs import Environment, EnvParams
 from iphyre_jax.envs.core import BackendName
+from tests.trees import assert_equal_trees
 
 BACKENDS: tuple[BackendName, ...] = ("host", "xla")
 GAMES = ["support", "multi_ball_hole"]
@@ -69,10 +70,7 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
             env, params = iphyre_jax.make(f"{strategy}/{games}", dtype="float64", backend=backend, **options)
             actions = actions_of(env, (160 if strategy == "on-the-fly" else 8, 5))
             told.append(played(env, params, actions))
-    assert jax.tree.structure(told[0]) == jax.tree.structure(told[1])
-    for one, other in zip(*map(jax.tree.leaves, told), strict=True):
-        assert one.dtype == other.dtype
-        np.testing.assert_array_equal(one, other)
+    assert_equal_trees(*told)
     terminated, truncated = told[0][1][2:4]
     assert (terminated | truncated).any()
     assert told[0][1][4]["eliminations"].max() > 0
