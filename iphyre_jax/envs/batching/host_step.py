@@ -7,32 +7,28 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final, TypeVar
+from typing import Final
 
 import jax
 import numpy as np
 
-from iphyre_jax.envs.batching.game_table import Floats, GameTable, Group, Ints
+from iphyre_jax.envs.batching.game_table import Floats, GameTable, Ints, ProgramCall
 from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
-from iphyre_jax.envs.batching.step_program import RESET, EnvStep
+from iphyre_jax.envs.batching.step_program import GROUPS, RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import interrupts
-from iphyre_jax.execution.compilation.client import ClientArray, aligned, aligned_copy
+from iphyre_jax.execution.compilation.client import ClientArray, aligned
 from iphyre_jax.execution.compilation.executables import executable, prepare
-from iphyre_jax.execution.layout import Layout, fill_lanes, pieces
+from iphyre_jax.execution.layout import Layout, pieces
 from iphyre_jax.execution.programs import pack_timing
 from iphyre_jax.execution.threads import run_all
 from iphyre_jax.observations.features import Features
 from iphyre_jax.scenes.compile import step_timing
 
 ID_WORDS: Final = 2  # words in front of a packed scene that identify its content
-SHORT: Final = 2.5e-3  # s; a decision that takes less gains nothing from a second thread, which must be woken
+SHORT: Final = 1.2e-3  # s; a decision that takes less gains nothing from a second thread, which must be woken
 TABLES_CACHED: Final = 16  # sets of scenes
-LANES_CACHED: Final = 64  # scenes of groups, some hundred kilobytes each
-
-Key = TypeVar("Key")
-Value = TypeVar("Value")
 
 
 class HostStep:
@@ -59,11 +55,10 @@ class HostStep:
         self._body_obs_size = max(program.body_obs_size for program in programs)
         self._features, self._make_observations = features, make_observations
         self._steps = protocol.steps
-        self._once = ClientArray(np.ones(1, np.int32))
+        self._groups = [ClientArray(np.array([groups], np.int32)) for groups in range(GROUPS + 1)]
         self._timing = ClientArray(pack_timing(step_timing(protocol.fps, programs[0].dtype)))
         self._tables: OrderedDict[bytes, GameTable] = OrderedDict()
-        self._lanes: OrderedDict[tuple[bytes, int, int], tuple[Ints, Ints, ClientArray]] = OrderedDict()
-        self._seconds = 0.0  # processor time of the groups of the last decision
+        self._seconds = 0.0  # processor time of the calls of the last decision
         self._lock = threading.Lock()
         self._local = threading.local()
 
@@ -100,9 +95,9 @@ class HostStep:
             final: receives the episodes and observations before any reset, if given.
         """
         table, (words, obs, status) = self._table(scenes, topology_id), out
-        groups = table.groups(episodes[:, 0])
+        calls = table.calls(episodes[:, 0])
         body_obs = np.zeros((len(words), self._body_obs_size), np.float32)
-        self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), groups)
+        self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), calls)
         status[:] = words[:, : self.status_words]
         table.observations.write(obs, status, body_obs, self._steps)
         if final is not None:
@@ -114,17 +109,17 @@ class HostStep:
             words[ended], obs[ended] = table.start_words[games], table.start_obs[games]
             words[ended, 0] = games
 
-    def _run_all(self, work: Callable[[Group], None], groups: Sequence[Group]) -> None:
-        """Run groups: on all threads, or here if the last decision was short, because waking a thread takes longer."""
+    def _run_all(self, work: Callable[[ProgramCall], None], calls: Sequence[ProgramCall]) -> None:
+        """Make calls: on all threads, or here if the last decision was short, because waking a thread takes longer."""
 
-        def timed(group: Group) -> float:
+        def timed(call: ProgramCall) -> float:
             interrupts.check()
             start = time.thread_time()
-            work(group)
+            work(call)
             return time.thread_time() - start
 
-        is_short = self._seconds < SHORT or len(groups) == 1
-        seconds = map(timed, groups) if is_short else run_all(timed, groups)
+        is_short = self._seconds < SHORT or len(calls) == 1
+        seconds = map(timed, calls) if is_short else run_all(timed, calls)
         self._seconds = sum(seconds)
 
     def _table(self, scenes: Ints, topology_id: Ints) -> GameTable:
@@ -139,14 +134,11 @@ class HostStep:
         own = scenes[:, ID_WORDS + self._features.rows :]
         table = GameTable(key, own, topology_id, self.programs, self._make_observations(features))
         self._set_starts(table)
-        self._cache(self._tables, key, table, TABLES_CACHED)
-        return table
-
-    def _cache(self, cache: OrderedDict[Key, Value], key: Key, value: Value, most: int) -> None:
         with self._lock:
-            cache[key] = value
-            while len(cache) > most:
-                cache.popitem(last=False)
+            self._tables[key] = table
+            while len(self._tables) > TABLES_CACHED:
+                self._tables.popitem(last=False)
+        return table
 
     def _set_starts(self, table: GameTable) -> None:
         """Compute each game's episode and observation before its first step."""
@@ -157,22 +149,24 @@ class HostStep:
         episodes[:, 0] = games
         body_obs = np.zeros((len(games), self._body_obs_size), np.float32)
         words, obs = np.zeros_like(episodes), np.zeros((len(games), table.observations.size), np.float32)
-        for group in table.groups(games):
-            self._run(table, episodes, requests, (words, body_obs), group)
+        for call in table.calls(games):
+            self._run(table, episodes, requests, (words, body_obs), call)
         table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
         table.start_words, table.start_obs = words, obs
 
-    def _run(self, table: GameTable, episodes: Ints, requests: Ints, out: tuple[Ints, Floats], group: Group) -> None:
-        """Play one decision of the worlds of a group; `out` receives episodes and observations of moving bodies."""
-        program, count, rows = self.programs[group.topology_id], len(group.games), group.rows
-        width = program.episode_words
-        worlds = self._scratch(group.topology_id)
+    def _run(
+        self, table: GameTable, episodes: Ints, requests: Ints, out: tuple[Ints, Floats], call: ProgramCall
+    ) -> None:
+        """Play one decision of the worlds of a call; `out` receives episodes and observations of moving bodies."""
+        program, count, rows = self.programs[call.topology_id], len(call.games), call.rows
+        width, groups = program.episode_words, -(-count // program.lanes)
+        worlds = self._scratch(call.topology_id)
         pieces(worlds, 0, width)[:count] = pieces(episodes, 0, width)[rows]
         pieces(worlds, width, program.request_words)[:count] = pieces(requests, 0, program.request_words)[rows]
-        if count < program.lanes:  # spare lanes repeat the last world and wait
-            worlds[count:] = worlds[count - 1]
-            worlds[count:, width + self.slots] = worlds[count - 1, STEP]
-        after = executable(program)(self._scenes(table, group), worlds, self._timing, self._once)[0]
+        spare = worlds[count : groups * program.lanes]  # they repeat the last world and wait
+        spare[:], spare[:, width + self.slots] = worlds[count - 1], worlds[count - 1, STEP]
+        with table.packed_scenes(call) as scenes:
+            after = executable(program)(scenes, worlds, self._timing, self._groups[groups])[0]
         pieces(out[0], 0, width)[rows] = pieces(after, 0, width)[:count]
         if width < self.episode_words:
             out[0][rows, width:] = 0
@@ -188,19 +182,3 @@ class HostStep:
             shape = self.programs[topology_id].arguments()[1]
             arrays[topology_id] = aligned(shape.shape, shape.dtype)
         return arrays[topology_id]
-
-    def _scenes(self, table: GameTable, group: Group) -> ClientArray:
-        """Return the packed scenes of a group's lanes, (words, lanes); only lanes whose game has changed are copied."""
-        lanes, words = self.programs[group.topology_id].lanes, table.scenes[group.topology_id]
-        key, games = (table.key, group.topology_id, group.number), fill_lanes(group.games, lanes)
-        with self._lock:
-            cached = self._lanes.get(key)
-        if cached is not None and (cached[0] == games).all():
-            return cached[2]
-        # A new array, because another thread may be reading the old one.
-        changed = np.arange(lanes) if cached is None else np.flatnonzero(cached[0] != games)
-        packed = aligned((words.shape[1], lanes), words.dtype) if cached is None else aligned_copy(cached[1])
-        packed[:, changed] = words[games[changed]].T
-        array = ClientArray(packed)
-        self._cache(self._lanes, key, (games, packed, array), LANES_CACHED)
-        return array

@@ -1,4 +1,7 @@
-"""The program of the environments on a CPU: one decision of worlds of one topology, side by side.
+"""The program of the environments on a CPU: one decision of worlds of one topology, some side by side.
+
+A call costs 30 us and more before it plays a world, and finds the caches full of other programs. So it plays several
+groups of lanes, one after the other.
 
 A packed episode is a row: the words of its status, then those of its physics.
 """
@@ -12,6 +15,7 @@ from typing import ClassVar, Final
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from iphyre_jax import rollouts
 from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
@@ -22,6 +26,7 @@ from iphyre_jax.observations.features import Pose, scaled_ends, speeds
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
+GROUPS: Final = 8  # most groups of lanes in a call
 BLOCK: Final = 48  # rows transposed at a time: as many lines as the first cache holds of rows 512 bytes apart
 BODY_OBS: Final = 7  # numbers of the observation of a moving body
 RESET: Final = -1  # in place of `stop_step`: the episode is reset, and no step is made
@@ -36,12 +41,12 @@ def scene_layout(topology: Topology, dtype: str) -> Layout:
 
 @dataclass(frozen=True)
 class EnvStep:
-    """One decision of worlds of one topology, for any strategy: it takes plans and the steps to play to.
+    """One decision of groups of worlds of one topology, for any strategy: it takes plans and the steps to play to.
 
     Attributes:
         topology: of the worlds.
         dtype: of the physics.
-        lanes: worlds side by side.
+        lanes: worlds side by side, a group.
         slots: plan slots.
     """
 
@@ -72,36 +77,49 @@ class EnvStep:
         """Words of a request: a plan, `stop_step` or RESET, and the slots that are executed then."""
         return 2 * self.slots + 1
 
-    def arguments(self) -> programs.Shapes:
-        """Return the shapes of scenes (words, lanes), worlds (lanes, words), packed timing, and once (1,), which is 1.
+    @property
+    def most_worlds(self) -> int:
+        """The most worlds that a call plays."""
+        return GROUPS * self.lanes
 
-        The words of scenes are those of `scene_layout`. A row of worlds is an episode and its request.
+    def arguments(self) -> programs.Shapes:
+        """Return the shapes of scenes, worlds, packed timing, and the number of groups that are played, (1,).
+
+        Scenes, (GROUPS, words, lanes), have the words of `scene_layout`. Worlds, (GROUPS * lanes, words), have a row
+        for an episode and its request. Groups that are not played are not read.
         """
         scene = scene_layout(self.topology, self.dtype)
         return (
-            jax.ShapeDtypeStruct((scene.rows, self.lanes), scene.word),
-            jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.request_words), scene.word),
+            jax.ShapeDtypeStruct((GROUPS, scene.rows, self.lanes), scene.word),
+            jax.ShapeDtypeStruct((self.most_worlds, self.episode_words + self.request_words), scene.word),
             jax.ShapeDtypeStruct((programs.TIMING_NUMBERS,), self.dtype),
             jax.ShapeDtypeStruct((1,), "int32"),
         )
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return the episodes and the bits of the observations of their bodies, (lanes, words)."""
-        scenes, worlds, numbers, once = arguments
+        """Return the episodes and the bits of the observations of their bodies, (GROUPS * lanes, words)."""
+        scenes, worlds, numbers, groups = arguments
         timing = programs.unpack_timing(numbers)
 
-        def step(scenes: jax.Array, worlds: jax.Array) -> jax.Array:
-            world, ends = scene_layout(self.topology, self.dtype).unpack(scenes)
-            tables = self._step(world, ends, worlds.T, timing, once)
-            return _transposed(tables, jnp.zeros((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype))
+        def play(group: jax.Array, out: jax.Array) -> jax.Array:
+            first = group * self.lanes
+            scene = jax.lax.dynamic_index_in_dim(scenes, group, keepdims=False)
+            own = jax.lax.dynamic_slice_in_dim(worlds, first, self.lanes)
+            # Behind a barrier: otherwise each number is looked up where it is used.
+            scene, own = jax.lax.optimization_barrier((scene, own))
+            world, ends = scene_layout(self.topology, self.dtype).unpack(scene)
+            return _write_transposed(self._step(world, ends, own.T, timing, groups[0]), out, first)
 
-        like = jax.ShapeDtypeStruct((self.lanes, self.episode_words + self.body_obs_size), worlds.dtype)
-        return (programs.in_one_function(step, (scenes, worlds), like, once[0]),)
+        out = jnp.zeros((self.most_worlds, self.episode_words + self.body_obs_size), worlds.dtype)
+        return (jax.lax.fori_loop(0, groups[0], play, out),)
 
     def _step(
-        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, once: jax.Array
+        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, groups: jax.Array
     ) -> tuple[jax.Array, ...]:
-        """Return words and numbers of the episodes, and observations of their bodies; all have lanes behind."""
+        """Return words and numbers of the episodes, and observations of their bodies; all have lanes behind.
+
+        groups: () int32, at least 1, which the compiler must not know.
+        """
         blocks, first = self.slots, status_words(self.slots)
         layout = programs.episode_layout(self.topology, self.dtype)
         episodes, requests = worlds[: self.episode_words], worlds[self.episode_words :].astype(jnp.int32)
@@ -125,18 +143,18 @@ class EnvStep:
 
         # In a branch that is always taken: otherwise each number is computed while it is transposed.
         blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
-        return jax.lax.cond(once[0] == 1, tables, lambda: tuple(blank))
+        return jax.lax.cond(groups > 0, tables, lambda: tuple(blank))
 
 
-def _transposed(tables: Sequence[jax.Array], out: jax.Array) -> jax.Array:
-    """Return tables (rows, lanes) side by side as (lanes, rows); their bits are words of `out`."""
+def _write_transposed(tables: Sequence[jax.Array], out: jax.Array, first: jax.Array) -> jax.Array:
+    """Write tables (rows, lanes) side by side into `out`, from row `first` on, as (lanes, rows); as words."""
     column = 0
     for table in tables:
         for start in range(0, table.shape[0], BLOCK):
             part = table[start : start + BLOCK].T
             if jnp.issubdtype(part.dtype, jnp.floating):
                 part = jax.lax.bitcast_convert_type(part, WORD[part.dtype.name])
-            out = jax.lax.dynamic_update_slice(out, part.astype(out.dtype), (0, column))
+            out = jax.lax.dynamic_update_slice(out, part.astype(out.dtype), (first, np.int32(column)))
             column += part.shape[1]
     return out
 

@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -148,6 +149,32 @@ def test_calls_leave_no_trace(two: str) -> None:
     swapped = played(env, others, actions[:, np.array([1, 0, 2])])
     np.testing.assert_array_equal(swapped[0][:2], np.asarray(first[0])[[1, 0]])
     assert between[0].shape == first[0].shape
+
+
+@pytest.mark.slow
+def test_a_world_plays_alike_in_every_group_and_call(two: str) -> None:
+    """1,050 worlds of each topology: eight groups of lanes in a first call, a part of one in a second."""
+    env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False)
+    actions = actions_of(env, (60, 14))  # both games, seven times
+    few, many = played(env, params, actions), played(env, params, jnp.tile(actions, (1, 150)))
+    assert (few[1][2] | few[1][3]).any()
+    np.testing.assert_array_equal(many[0], np.tile(few[0], (150, 1)))
+    for one, other in zip(*map(jax.tree.leaves, (many[1], few[1])), strict=True):
+        own = np.asarray(other)
+        np.testing.assert_array_equal(one, np.tile(own, (1, 150, *[1] * (own.ndim - 2))))
+
+
+@pytest.mark.slow
+def test_threads_step_the_same_games_at_once(two: str) -> None:
+    """Each with actions of its own."""
+    env, params = iphyre_jax.make(f"on-the-fly/{two}")
+    actions = [actions_of(env, (100, 40 + seed), seed) for seed in range(4)]
+    expected = [played(env, params, own) for own in actions]
+    with ThreadPoolExecutor(4) as threads:
+        for _ in range(3):
+            told = threads.map(partial(played, env, params), actions)
+            for one, other in zip(told, expected, strict=True):
+                assert_equal_trees(one, other)
 
 
 SCRIPT = """
