@@ -165,10 +165,12 @@ def test_a_world_plays_alike_in_every_group_and_call(two: str) -> None:
 
 
 @pytest.mark.slow
-def test_threads_step_the_same_games_at_once(two: str) -> None:
-    """Each with actions of its own."""
-    env, params = iphyre_jax.make(f"on-the-fly/{two}")
-    actions = [actions_of(env, (100, 40 + seed), seed) for seed in range(4)]
+def test_threads_step_the_same_games_at_once() -> None:
+    """In batches of several sizes: each has other games in its lanes."""
+    iphyre_jax.register("threads-v1", ["support", "hole"])
+    env, params = iphyre_jax.make("on-the-fly/threads-v1")
+    assert len(env.topologies) == 1
+    actions = [actions_of(env, (100, worlds), worlds) for worlds in (40, 60, 80, 100)]
     expected = [played(env, params, own) for own in actions]
     with ThreadPoolExecutor(4) as threads:
         for _ in range(3):
