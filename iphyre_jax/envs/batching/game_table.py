@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.envs.batching.host_observations import HostObservations
-from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
+from iphyre_jax.envs.batching.step_program import GROUPS, EnvStep, scene_layout
 from iphyre_jax.execution.batching import lane_slices
 from iphyre_jax.execution.compilation.client import aligned
 from iphyre_jax.execution.layout import fill_lanes
+
+STEPS: Final = 48  # of the groups of a call together; threads share what is longer
 
 Ints = npt.NDArray[np.signedinteger[Any]]
 Floats = npt.NDArray[np.float32]
@@ -59,10 +61,16 @@ class GameTable:
         # By topology and number of the call: the game of each lane, and their packed scenes, as the program takes them.
         self._packed: dict[tuple[int, int], tuple[Ints, Ints]] = {}
 
-    def calls(self, game: Ints) -> list[ProgramCall]:
-        """Sort worlds by topology and game, and share them out to calls; game: (B,) of each world."""
+    def calls(self, game: Ints, steps: int) -> list[ProgramCall]:
+        """Sort worlds by topology and game, and share them out to calls.
+
+        Args:
+            game: (B,) of each world.
+            steps: the most physics steps that a world makes.
+        """
+        groups = min(GROUPS, max(1, STEPS // max(1, steps)))
         if len(self.topology_id) == 1:
-            return self._cut(self._topology_ids[0], None, game)
+            return self._cut(self._topology_ids[0], None, game, groups)
         order = np.argsort(self._sort_key[game], kind="stable")
         games = game[order]
         counts = np.bincount(self.topology_id[games], minlength=len(self._programs))
@@ -70,12 +78,12 @@ class GameTable:
         calls = []
         for topology_id in self._topology_ids:
             part = slice(ends[topology_id] - counts[topology_id], ends[topology_id])
-            calls += self._cut(topology_id, order[part], games[part])
+            calls += self._cut(topology_id, order[part], games[part], groups)
         return calls
 
-    def _cut(self, topology_id: int, rows: npt.NDArray[np.intp] | None, games: Ints) -> list[ProgramCall]:
-        """Share out the worlds of one topology; rows: None for all worlds as they stand."""
-        parts = enumerate(lane_slices(len(games), self._programs[topology_id].most_worlds))
+    def _cut(self, topology_id: int, rows: npt.NDArray[np.intp] | None, games: Ints, groups: int) -> list[ProgramCall]:
+        """Share out the worlds of one topology, so many groups to a call; rows: None for all worlds as they stand."""
+        parts = enumerate(lane_slices(len(games), groups * self._programs[topology_id].lanes))
         return [ProgramCall(k, topology_id, part if rows is None else rows[part], games[part]) for k, part in parts]
 
     @contextmanager

@@ -95,7 +95,8 @@ class HostStep:
             final: receives the episodes and observations before any reset, if given.
         """
         table, (words, obs, status) = self._table(scenes, topology_id), out
-        calls = table.calls(episodes[:, 0])
+        steps = int((requests[:, self.slots] - episodes[:, STEP]).max())
+        calls = table.calls(episodes[:, 0], steps)
         body_obs = np.zeros((len(words), self._body_obs_size), np.float32)
         self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), calls)
         status[:] = words[:, : self.status_words]
@@ -149,7 +150,7 @@ class HostStep:
         episodes[:, 0] = games
         body_obs = np.zeros((len(games), self._body_obs_size), np.float32)
         words, obs = np.zeros_like(episodes), np.zeros((len(games), table.observations.size), np.float32)
-        for call in table.calls(games):
+        for call in table.calls(games, 0):
             self._run(table, episodes, requests, (words, body_obs), call)
         table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
         table.start_words, table.start_obs = words, obs
