@@ -97,7 +97,7 @@ class HostObservations:
 
     def _ids(self, game: Ints, present: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
         """Return the cached row of each world; missing ones are made."""
-        masks = (present * self._powers).sum(axis=1, dtype=np.uint64)
+        masks = present @ self._powers
         column = np.searchsorted(self._masks, masks)
         if not len(self._masks) or (self._masks[np.minimum(column, len(self._masks) - 1)] != masks).any():
             every = np.union1d(self._masks, masks)
