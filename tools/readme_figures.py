@@ -60,7 +60,7 @@ def figures(performance: str, parity: str, results: str, carry_over: str) -> Ite
     yield "parity, float64", "all poses of 4,000 plays equal pymunk's bit for bit"
     same = cells(parity, "float32", "60 steps a second")[5]
     yield "parity, float32, 60 steps a second", f"the same outcome as pymunk in {same} % of 2,000 plays"
-    yield "official environments", "2,400 episodes without a different reward or flag"
+    yield "official environments", "every observation, reward and flag of 2,400 episodes"
     ours, quick, paper = (
         r"PPO-I default, \w+, official, objects, varied, generated",
         r"PPO-I quick, \w+, official",

@@ -73,12 +73,16 @@ def compare(episodes: list[tuple[str, str, Recorded]], strategy: str) -> list[st
     with jax.enable_x64(True):
         environment, params = make(f"{strategy}/all-v1", dtype="float64", autoreset=False, official_bugs=True)
         played = replay(environment, params, [GAMES.index(game) for game, _ in chosen], actions)
-    lines = []
+    lines, steps, equal, numbers = [], 0, 0, 0
     for index, (game, recorded) in enumerate(chosen):
-        problems = differences(recorded, {name: value[index] for name, value in played.items()})
-        lines += [f"{strategy} {game} {index}: {problem}" for problem in problems]
-    steps = sum(len(recorded["rewards"]) for _, recorded in chosen)
+        own = {name: value[index] for name, value in played.items()}
+        lines += [f"{strategy} {game} {index}: {problem}" for problem in differences(recorded, own)]
+        steps += len(recorded["rewards"])
+        observed = recorded["observations"]
+        equal += int((own["observations"][: len(observed)] == observed).sum())
+        numbers += observed.size
     print(f"{strategy}: {len(chosen)} episodes, {steps} steps, {len(lines)} differences")
+    print(f"{strategy}: {equal:,} of {numbers:,} numbers of the observations equal to the last bit")
     return lines
 
 
