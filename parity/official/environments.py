@@ -78,8 +78,8 @@ def compare(episodes: list[tuple[str, str, Recorded]], strategy: str) -> list[st
         own = {name: value[index] for name, value in played.items()}
         lines += [f"{strategy} {game} {index}: {problem}" for problem in differences(recorded, own)]
         steps += len(recorded["rewards"])
-        observed = recorded["observations"]
-        equal += int((own["observations"][: len(observed)] == observed).sum())
+        observed, bits = recorded["observations"], np.dtype("int32")
+        equal += int((own["observations"][: len(observed)].view(bits) == observed.view(bits)).sum())
         numbers += observed.size
     print(f"{strategy}: {len(chosen)} episodes, {steps} steps, {len(lines)} differences")
     print(f"{strategy}: {equal:,} of {numbers:,} numbers of the observations equal to the last bit")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,10 +12,8 @@ import numpy.typing as npt
 from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.step_program import GROUPS, EnvStep, scene_layout
 from iphyre_jax.execution.batching import lane_slices
-from iphyre_jax.execution.compilation.client import aligned
-from iphyre_jax.execution.layout import fill_lanes
 
-STEPS: Final = 48  # of the groups of a call together; threads share what is longer
+STEPS_OF_A_CALL: Final = 48  # at most, all groups together; threads share out a longer decision
 
 Ints = npt.NDArray[np.signedinteger[Any]]
 Floats = npt.NDArray[np.float32]
@@ -31,6 +28,7 @@ class ProgramCall:
     topology_id: int
     rows: Selection
     games: Ints  # of the worlds, sorted
+    groups: int  # of lanes; the last one may have spare lanes
 
 
 class GameTable:
@@ -58,54 +56,26 @@ class GameTable:
         self.scenes = [np.ascontiguousarray(scenes[:, : layout.rows]) for layout in layouts]
         self.start_words: Ints = np.zeros(0, scenes.dtype)  # (games, words), set by `HostStep`
         self.start_obs: Floats = np.zeros(0, np.float32)  # (games, D)
-        # By topology and number of the call: the game of each lane, and their packed scenes, as the program takes them.
-        self._packed: dict[tuple[int, int], tuple[Ints, Ints]] = {}
 
-    def calls(self, game: Ints, steps: int) -> list[ProgramCall]:
+    def calls(self, game: Ints, steps: int, threads: int) -> list[ProgramCall]:
         """Sort worlds by topology and game, and share them out to calls.
 
         Args:
             game: (B,) of each world.
             steps: the most physics steps that a world makes.
+            threads: that make the calls.
         """
-        groups = min(GROUPS, max(1, STEPS // max(1, steps)))
-        if len(self.topology_id) == 1:
-            return self._cut(self._topology_ids[0], None, game, groups)
-        order = np.argsort(self._sort_key[game], kind="stable")
-        games = game[order]
-        counts = np.bincount(self.topology_id[games], minlength=len(self._programs))
-        ends = np.cumsum(counts)
+        order = np.argsort(self._sort_key[game], kind="stable") if len(self.topology_id) > 1 else None
+        games = game if order is None else game[order]
+        counts = np.bincount(self.topology_id[games], minlength=len(self._programs)).tolist()
+        groups = [-(-count // program.lanes) for count, program in zip(counts, self._programs, strict=True)]
+        most = max(1, min(GROUPS, STEPS_OF_A_CALL // max(1, steps), sum(groups) // threads))
         calls = []
         for topology_id in self._topology_ids:
-            part = slice(ends[topology_id] - counts[topology_id], ends[topology_id])
-            calls += self._cut(topology_id, order[part], games[part], groups)
+            start, lanes = sum(counts[:topology_id]), self._programs[topology_id].lanes
+            for number, part in enumerate(lane_slices(counts[topology_id], most * lanes)):
+                own = slice(start + part.start, start + part.stop)
+                groups_of_call = -(-(own.stop - own.start) // lanes)
+                rows = own if order is None else order[own]
+                calls.append(ProgramCall(number, topology_id, rows, games[own], groups_of_call))
         return calls
-
-    def _cut(self, topology_id: int, rows: npt.NDArray[np.intp] | None, games: Ints, groups: int) -> list[ProgramCall]:
-        """Share out the worlds of one topology, so many groups to a call; rows: None for all worlds as they stand."""
-        parts = enumerate(lane_slices(len(games), groups * self._programs[topology_id].lanes))
-        return [ProgramCall(k, topology_id, part if rows is None else rows[part], games[part]) for k, part in parts]
-
-    @contextmanager
-    def packed_scenes(self, call: ProgramCall) -> Iterator[Ints]:
-        """Yield the packed scenes of the lanes of a call, see `EnvStep`; spare lanes repeat the last world's.
-
-        They stay from decision to decision: only lanes whose game has changed are written.
-        """
-        topology_id, key = call.topology_id, (call.topology_id, call.number)
-        program = self._programs[topology_id]
-        # Nobody else has them meanwhile: another thread that makes the same call begins with none.
-        kept = self._packed.pop(key, None)
-        games, packed = _unpacked(program) if kept is None else kept
-        wanted = fill_lanes(call.games, -(-len(call.games) // program.lanes) * program.lanes)
-        changed = np.flatnonzero(games[: len(wanted)] != wanted)
-        games[changed] = wanted[changed]
-        packed[changed // program.lanes, :, changed % program.lanes] = self.scenes[topology_id][wanted[changed]]
-        yield packed
-        self._packed[key] = games, packed
-
-
-def _unpacked(program: EnvStep) -> tuple[Ints, Ints]:
-    """Return no games, and room for the packed scenes of a call."""
-    scenes = program.arguments()[0]
-    return np.full(program.most_worlds, -1), aligned(scenes.shape, scenes.dtype)

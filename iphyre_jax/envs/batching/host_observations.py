@@ -46,8 +46,10 @@ class HostObservations:
         self._mover = np.asarray(features.mover)
         self._powers = np.left_shift(np.uint64(1), np.arange(slots, dtype=np.uint64))
         self._lock = threading.Lock()
-        self._games = games
-        self._clear()
+        # Sets of present blocks so far, as bits, sorted; the row of each game and set, -1 for none; the rows. Rows are
+        # there before their numbers are, whatever ends a call in between.
+        self._empty = np.zeros(0, np.uint64), np.zeros((games, 0), np.intp), np.zeros((0, self.size), np.float32)
+        self._cache = self._empty
 
     def write(self, out: Floats, status: Ints, body_obs: Floats, steps: int) -> None:
         """Write observations.
@@ -60,8 +62,7 @@ class HostObservations:
         """
         game, step, fault = status[:, GAME], status[:, STEP], status[:, FAULT]
         with self._lock:
-            ids = self._ids(game, status[:, PRESENT : PRESENT + len(self._powers)] != 0)
-            cached = self._cached
+            ids, cached = self._find(game, status[:, PRESENT : PRESENT + len(self._powers)] != 0)
         pieces(out, 0, self.size)[:] = pieces(cached, 0, self.size)[ids]
         broken = np.flatnonzero(fault == FAULT_NOT_FINITE)
         out[broken, : self._rows] = 0
@@ -89,37 +90,29 @@ class HostObservations:
             else:
                 _windows(out, width)[where[rows]] = what[rows]
 
-    def _clear(self) -> None:
-        """Drop the cached rows."""
-        self._masks = np.zeros(0, np.uint64)  # sets of present blocks so far, as bits, sorted
-        self._id = np.zeros((self._games, 0), np.intp)  # cached row of a game and a set; -1 for none
-        self._cached = np.zeros((0, self.size), np.float32)
-
-    def _ids(self, game: Ints, present: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-        """Return the cached row of each world; missing ones are made."""
+    def _find(self, game: Ints, present: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.intp], Floats]:
+        """Return the row of each world in the cached rows, and these; missing ones are made."""
         masks = present @ self._powers
-        column = np.searchsorted(self._masks, masks)
-        if not len(self._masks) or (self._masks[np.minimum(column, len(self._masks) - 1)] != masks).any():
-            every = np.union1d(self._masks, masks)
-            ids = np.full((self._games, len(every)), -1, np.intp)
-            ids[:, np.searchsorted(every, self._masks)] = self._id
-            self._masks, self._id = every, ids
-            column = np.searchsorted(every, masks)
-        ids = self._id[game, column]
+        known, table, rows = self._cache
+        column = np.searchsorted(known, masks)
+        if not len(known) or (known[np.minimum(column, len(known) - 1)] != masks).any():
+            every = np.union1d(known, masks)
+            wider = np.full((len(table), len(every)), -1, np.intp)
+            wider[:, np.searchsorted(every, known)] = table
+            known, table, column = every, wider, np.searchsorted(every, masks)
+            self._cache = known, table, rows
+        ids = table[game, column]
         if ids.size and ids.min() < 0:
-            self._make(np.unique(np.stack([game, column])[:, ids < 0], axis=1).T.tolist())
-            if len(self._cached) > CACHED:
-                self._clear()
-                return self._ids(game, present)
-            ids = self._id[game, column]
-        return ids
-
-    def _make(self, missing: list[list[int]]) -> None:
-        """Make the rows of pairs of a game and a set of blocks."""
-        rows = [self._row(game, (self._masks[column] & self._powers) != 0) for game, column in missing]
-        for k, (game, column) in enumerate(missing):
-            self._id[game, column] = len(self._cached) + k
-        self._cached = np.concatenate([self._cached, np.stack(rows)])
+            missing = np.unique(np.stack([game, column])[:, ids < 0], axis=1)
+            if len(rows) and len(rows) + missing.shape[1] > CACHED:
+                self._cache = self._empty
+                return self._find(game, present)
+            made = [self._row(one, (known[mask] & self._powers) != 0) for one, mask in missing.T.tolist()]
+            numbers, rows = len(rows) + np.arange(len(made)), np.concatenate([rows, np.stack(made)])
+            self._cache = known, table, rows
+            table[tuple(missing)] = numbers
+            ids = table[game, column]
+        return ids, rows
 
     def _row(self, game: int, present_slots: npt.NDArray[np.bool_]) -> Floats:
         """Return the observation of a game with some blocks present, before moving bodies are written over it."""

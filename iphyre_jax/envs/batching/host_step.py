@@ -14,10 +14,11 @@ import numpy as np
 
 from iphyre_jax.envs.batching.game_table import Floats, GameTable, Ints, ProgramCall
 from iphyre_jax.envs.batching.host_observations import HostObservations
+from iphyre_jax.envs.batching.packed_scenes import PackedScenes
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
 from iphyre_jax.envs.batching.step_program import GROUPS, RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
-from iphyre_jax.execution import interrupts
+from iphyre_jax.execution import configuration, interrupts
 from iphyre_jax.execution.compilation.client import ClientArray, aligned
 from iphyre_jax.execution.compilation.executables import executable, prepare
 from iphyre_jax.execution.layout import Layout, pieces
@@ -57,6 +58,7 @@ class HostStep:
         self._steps = protocol.steps
         self._groups = [ClientArray(np.array([groups], np.int32)) for groups in range(GROUPS + 1)]
         self._timing = ClientArray(pack_timing(step_timing(protocol.fps, programs[0].dtype)))
+        self._packed = PackedScenes()
         self._tables: OrderedDict[bytes, GameTable] = OrderedDict()
         self._seconds = 0.0  # processor time of the calls of the last decision
         self._lock = threading.Lock()
@@ -96,9 +98,10 @@ class HostStep:
         """
         table, (words, obs, status) = self._table(scenes, topology_id), out
         steps = int((requests[:, self.slots] - episodes[:, STEP]).max())
-        calls = table.calls(episodes[:, 0], steps)
+        threads = 1 if self._seconds < SHORT else configuration.threads()
+        calls = table.calls(episodes[:, 0], steps, threads)
         body_obs = np.zeros((len(words), self._body_obs_size), np.float32)
-        self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), calls)
+        self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), calls, threads)
         status[:] = words[:, : self.status_words]
         table.observations.write(obs, status, body_obs, self._steps)
         if final is not None:
@@ -110,8 +113,8 @@ class HostStep:
             words[ended], obs[ended] = table.start_words[games], table.start_obs[games]
             words[ended, 0] = games
 
-    def _run_all(self, work: Callable[[ProgramCall], None], calls: Sequence[ProgramCall]) -> None:
-        """Make calls: on all threads, or here if the last decision was short, because waking a thread takes longer."""
+    def _run_all(self, work: Callable[[ProgramCall], None], calls: Sequence[ProgramCall], threads: int) -> None:
+        """Make calls, on all threads or here, and take their time."""
 
         def timed(call: ProgramCall) -> float:
             interrupts.check()
@@ -119,9 +122,7 @@ class HostStep:
             work(call)
             return time.thread_time() - start
 
-        is_short = self._seconds < SHORT or len(calls) == 1
-        seconds = map(timed, calls) if is_short else run_all(timed, calls)
-        self._seconds = sum(seconds)
+        self._seconds = sum(run_all(timed, calls) if threads > 1 and len(calls) > 1 else map(timed, calls))
 
     def _table(self, scenes: Ints, topology_id: Ints) -> GameTable:
         key = scenes[:, :ID_WORDS].tobytes() + topology_id.tobytes()
@@ -150,7 +151,7 @@ class HostStep:
         episodes[:, 0] = games
         body_obs = np.zeros((len(games), self._body_obs_size), np.float32)
         words, obs = np.zeros_like(episodes), np.zeros((len(games), table.observations.size), np.float32)
-        for call in table.calls(games, 0):
+        for call in table.calls(games, 0, 1):
             self._run(table, episodes, requests, (words, body_obs), call)
         table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
         table.start_words, table.start_obs = words, obs
@@ -160,14 +161,14 @@ class HostStep:
     ) -> None:
         """Play one decision of the worlds of a call; `out` receives episodes and observations of moving bodies."""
         program, count, rows = self.programs[call.topology_id], len(call.games), call.rows
-        width, groups = program.episode_words, -(-count // program.lanes)
+        width = program.episode_words
         worlds = self._scratch(call.topology_id)
         pieces(worlds, 0, width)[:count] = pieces(episodes, 0, width)[rows]
         pieces(worlds, width, program.request_words)[:count] = pieces(requests, 0, program.request_words)[rows]
-        spare = worlds[count : groups * program.lanes]  # they repeat the last world and wait
+        spare = worlds[count : call.groups * program.lanes]  # they repeat the last world and wait
         spare[:], spare[:, width + self.slots] = worlds[count - 1], worlds[count - 1, STEP]
-        with table.packed_scenes(call) as scenes:
-            after = executable(program)(scenes, worlds, self._timing, self._groups[groups])[0]
+        with self._packed.of(table, call, program) as scenes:
+            after = executable(program)(scenes, worlds, self._timing, self._groups[call.groups])[0]
         pieces(out[0], 0, width)[rows] = pieces(after, 0, width)[:count]
         if width < self.episode_words:
             out[0][rows, width:] = 0

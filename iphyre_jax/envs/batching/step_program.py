@@ -1,6 +1,6 @@
 """The program of the environments on a CPU: one decision of worlds of one topology, some side by side.
 
-A call costs 30 us and more before it plays a world, and finds the caches full of other programs. So it plays several
+A call costs some 30 us before it plays a world, and finds the caches full of other programs. So it plays several
 groups of lanes, one after the other.
 
 A packed episode is a row: the words of its status, then those of its physics.
@@ -108,17 +108,18 @@ class EnvStep:
             # Behind a barrier: otherwise each number is looked up where it is used.
             scene, own = jax.lax.optimization_barrier((scene, own))
             world, ends = scene_layout(self.topology, self.dtype).unpack(scene)
-            return _write_transposed(self._step(world, ends, own.T, timing, groups[0]), out, first)
+            return _write_transposed(self._step(world, ends, own.T, timing, groups[0] > 0), out, first)
 
         out = jnp.zeros((self.most_worlds, self.episode_words + self.body_obs_size), worlds.dtype)
+        # A loop, as in `programs.in_one_function`, is compiled into one function.
         return (jax.lax.fori_loop(0, groups[0], play, out),)
 
     def _step(
-        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, groups: jax.Array
+        self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, always: jax.Array
     ) -> tuple[jax.Array, ...]:
         """Return words and numbers of the episodes, and observations of their bodies; all have lanes behind.
 
-        groups: () int32, at least 1, which the compiler must not know.
+        always: () bool, True, which the compiler must not know.
         """
         blocks, first = self.slots, status_words(self.slots)
         layout = programs.episode_layout(self.topology, self.dtype)
@@ -143,7 +144,7 @@ class EnvStep:
 
         # In a branch that is always taken: otherwise each number is computed while it is transposed.
         blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
-        return jax.lax.cond(groups > 0, tables, lambda: tuple(blank))
+        return jax.lax.cond(always, tables, lambda: tuple(blank))
 
 
 def _write_transposed(tables: Sequence[jax.Array], out: jax.Array, first: jax.Array) -> jax.Array:
