@@ -260,7 +260,7 @@ class Environment:
         if self.final_observation:
             info["final_observation"] = self._observation(params, out.final_state, out.final_obs)
         obs = self._observation(params, out.state, out.obs)
-        return obs, out.state, self.reward(before, out.status), *self.ending(out.status), info
+        return obs, out.state, self.reward(out.before, out.status), *self.ending(out.status), info
 
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return the observation of a state; ValueError in one line if these are no state and parameters."""

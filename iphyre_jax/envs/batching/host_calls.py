@@ -24,8 +24,8 @@ def reset_episodes(host: HostStep, _: object, out: Sequence[object], *given: obj
 
 
 def step_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Play one decision of each episode; buffers as in `reset_episodes`."""
-    words, obs, status, *final = _flat(out)
+    """Play one decision of each episode; buffers as in `reset_episodes`. Episodes may be written where they are."""
+    words, obs, before, status, *final = _flat(out)
     batch = np.asarray(out[0]).shape[:-1]
     scenes, topology_id, first = _tables(given, batch)
     episodes, requests = (_as_rows(part, batch) for part in given[2:4])
@@ -35,9 +35,9 @@ def step_episodes(host: HostStep, _: object, out: Sequence[object], *given: obje
         episodes[:, 0] += first
         next_game = np.where(next_game < 0, next_game, next_game + first)
     last = (final[0], final[1]) if final else None
-    host.step(scenes, topology_id, episodes, requests, next_game, (words, obs, status), last)
+    host.step(scenes, topology_id, episodes, requests, next_game, (words, obs, before, status), last)
     if np.ndim(first):
-        for rows in (words, status, *final[:1]):
+        for rows in (words, before, status, *final[:1]):
             rows[:, 0] -= first
 
 
@@ -47,9 +47,9 @@ def _flat(buffers: Sequence[object]) -> list[npt.NDArray[Any]]:
 
 
 def _as_rows(buffer: object, batch: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Return a buffer of rows as an array with one axis for the batch, broadcast to it."""
+    """Return a buffer of rows as a contiguous array with one axis for the batch, broadcast to it."""
     array = np.asarray(buffer)
-    return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
+    return np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1]))).reshape(-1, array.shape[-1])
 
 
 def _tables(given: Sequence[object], batch: tuple[int, ...]) -> tuple[Words, Words, int | npt.NDArray[np.intp]]:

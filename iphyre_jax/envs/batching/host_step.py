@@ -82,7 +82,7 @@ class HostStep:
         episodes: Ints,
         requests: Ints,
         next_game: Ints,
-        out: tuple[Ints, Floats, Ints],
+        out: tuple[Ints, Floats, Ints, Ints],
         final: tuple[Ints, Floats] | None,
     ) -> None:
         """Play one decision of each episode; an episode that ends is followed by the next.
@@ -93,10 +93,12 @@ class HostStep:
             episodes: (B, words).
             requests: (B, 2 slots + 1), see `EnvStep`, of the words' dtype.
             next_game: (B,) game of the episode that follows; -1 for none.
-            out: receives the episodes (B, words), their observations, and the packed status before any reset.
+            out: receives the episodes (B, words), perhaps in place, their observations, and the packed status before
+                the decision and after it, before any reset.
             final: receives the episodes and observations before any reset, if given.
         """
-        table, (words, obs, status) = self._table(scenes, topology_id), out
+        table, (words, obs, before, status) = self._table(scenes, topology_id), out
+        before[:] = episodes[:, : self.status_words]
         steps = int((requests[:, self.slots] - episodes[:, STEP]).max())
         threads = 1 if self._seconds < SHORT else configuration.threads()
         calls = table.calls(episodes[:, 0], steps, threads)

@@ -131,10 +131,16 @@ class HostWorlds(Worlds):
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
         requests = jnp.concatenate([plan, stop_step[None], executed]).astype(WORD[self.dtype])
-        results = ["words", "obs", "status", *(["words", "obs"] if self.keep_final else [])]
-        words, obs, status, *last = self._call(step_episodes, results, params, state.words, requests, next_game)
+        results = ["words", "obs", "status", "status", *(["words", "obs"] if self.keep_final else [])]
+        # The call writes the episodes where they are, or a scan would copy them at each decision. So they must have all
+        # axes of a batch, even if the states are all the same; and nothing may read them afterwards: the call returns
+        # the status before the decision too.
+        axes = 0 * (requests[0] + next_game + params.topology_id[0])
+        words = state.words + axes.astype(state.words.dtype)
+        own = words, requests, next_game
+        words, obs, before, status, *last = self._call(step_episodes, results, params, *own, in_place=True)
         final_state, final_obs = (HostState(last[0]), last[1]) if last else (None, None)
-        return StepResult(HostState(words), obs, unpack_status(status), final_state, final_obs)
+        return StepResult(HostState(words), obs, unpack_status(before), unpack_status(status), final_state, final_obs)
 
     def status(self, params: HostParams, state: HostState) -> Status:
         """Return the status of an episode."""
@@ -167,9 +173,17 @@ class HostWorlds(Worlds):
         return [word for start in starts for word in [*range(start, start + topology.moving), *missing]]
 
     def _call(
-        self, callback: Callable[..., None], results: Sequence[str], params: HostParams, *own: jax.Array
+        self,
+        callback: Callable[..., None],
+        results: Sequence[str],
+        params: HostParams,
+        *own: jax.Array,
+        in_place: bool = False,
     ) -> list[jax.Array]:
-        """Call the host from a program; under `jax.vmap` once for the whole batch."""
+        """Call the host from a program; under `jax.vmap` once for the whole batch.
+
+        in_place: whether the first result takes the place of the first argument after the parameters.
+        """
         host = _host(self)
         host.prepare()  # while the program is traced, so that an interrupt ends it here
         interrupts.watch()
@@ -179,7 +193,12 @@ class HostWorlds(Worlds):
             "obs": jax.ShapeDtypeStruct((self._obs_size(),), np.float32),
             "status": jax.ShapeDtypeStruct((host.status_words,), word),
         }
-        call = buffer_callback(partial(callback, host), [shapes[name] for name in results], vmap_method="expand_dims")
+        call = buffer_callback(
+            partial(callback, host),
+            [shapes[name] for name in results],
+            vmap_method="expand_dims",
+            input_output_aliases={2: 0} if in_place else None,
+        )
         out: list[jax.Array] = call(params.scenes, params.topology_id, *own)
         return out
 

@@ -113,7 +113,7 @@ class TracedWorlds(Worlds):
         follows = ended & (next_game >= 0)
         start = self.reset(params, jnp.maximum(next_game, 0))
         obs, now = jax.tree.map(lambda new, old: jnp.where(follows, new, old), start, (final_obs, last))
-        return StepResult(now, obs, status, last, final_obs)
+        return StepResult(now, obs, self.status(params, state), status, last, final_obs)
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""

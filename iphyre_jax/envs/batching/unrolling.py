@@ -136,19 +136,23 @@ def _unroll(
     keys = jax.random.split(key, batch.game.shape[0])
     game = batch.game if environment.autoreset else jnp.full_like(batch.game, NO_GAME)
 
-    def one(state: EnvState, obs: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, ...]:
+    def has_ended(state: EnvState) -> jax.Array:
+        return environment.has_ended(environment.worlds.status(batch.params, state))
+
+    def one(state: EnvState, obs: jax.Array, ended: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, Steps]:
         action, extras = policy(weights, key, obs)
         action = environment.action_space().array(action)
-        ended = environment.has_ended(environment.worlds.status(batch.params, state))
-        out = environment.step_to(state, action, batch.params, game)
-        return out, Steps(action, out[2], out[3], out[4], ~ended, out[5], extras)
+        obs, state, reward, terminated, truncated, info = environment.step_to(state, action, batch.params, game)
+        # Carried on: a state that is read after its step is copied before it.
+        now = state, obs, has_ended(state)
+        return now, Steps(action, reward, terminated, truncated, ~ended, info, extras)
 
-    def decide(now: tuple[EnvState, jax.Array], count: jax.Array) -> tuple[tuple[EnvState, jax.Array], Steps]:
+    def decide(now: tuple[EnvState, jax.Array, jax.Array], count: jax.Array) -> tuple[Any, Steps]:
         own = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, count)
-        out, steps = jax.vmap(one)(*now, own, game)
-        return (out[1], out[0]), steps
+        return jax.vmap(one)(*now, own, game)
 
-    (state, obs), steps = jax.lax.scan(decide, (batch.state, batch.obs), jnp.arange(decisions, dtype=jnp.int32))
+    first = batch.state, batch.obs, jax.vmap(has_ended)(batch.state)
+    (state, obs, _), steps = jax.lax.scan(decide, first, jnp.arange(decisions, dtype=jnp.int32))
     return replace(batch, state=state, obs=obs), steps
 
 

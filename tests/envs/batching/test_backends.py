@@ -152,6 +152,52 @@ def test_calls_leave_no_trace(two: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_step_leaves_its_state_as_it_was(two: str) -> None:
+    """The host may write a state where it is, if nobody else has it."""
+    env, params = iphyre_jax.make(f"on-the-fly/{two}", final_observation=True)
+    keys, actions = jax.random.split(jax.random.key(0), 7), jnp.arange(7, dtype=jnp.int32)
+    state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)[1]
+    kept, state = jax.tree.map(np.array, state), jax.tree.map(jnp.asarray, state)
+    step = jax.vmap(env.step, in_axes=(0, 0, 0, None))
+    first = step(keys, state, actions, params)
+
+    def both(state: Any) -> Any:
+        later, _ = jax.lax.scan(lambda now, _: (step(keys, now, actions, params)[1], now), state, length=3)
+        return (
+            state,
+            step(keys, state, actions, params),
+            later,
+            env.info(jax.tree.map(lambda leaf: leaf[2], state), params),
+        )
+
+    told, again, later, _ = jax.jit(both)(state)
+    for one in (told, state):
+        assert_equal_trees(one, kept)
+    assert_equal_trees(again, first)
+    assert_equal_trees(step(keys, state, actions, params), first)
+    with jax.disable_jit():
+        assert_equal_trees(step(keys, state, actions, params), first)
+    # As constants of the program, used twice, and donated.
+    captured = jax.jit(lambda actions: (step(keys, state, actions, params), step(keys, state, actions, params)))
+    for told in (*captured(actions), *captured(actions)):
+        assert_equal_trees(told, first)
+    donating = jax.jit(lambda state: step(keys, state, actions, params), donate_argnums=0)
+    assert_equal_trees(donating(jax.tree.map(jnp.array, state)), first)
+    assert_equal_trees(state, kept)
+    assert any((one != other).any() for one, other in zip(*map(jax.tree.leaves, (later, kept)), strict=True))
+    # One state for all, and one action.
+    one = jax.tree.map(lambda leaf: leaf[3], state)
+    alike = jax.vmap(env.step, in_axes=(None, None, 0, None))(keys[3], one, jnp.full(4, 3, jnp.int32), params)
+    drawn = jax.vmap(env.step, in_axes=(0, None, None, None))(jnp.stack([keys[3]] * 4), one, jnp.int32(3), params)
+    for out in (alike, drawn):
+        for row in range(4):
+            assert_equal_trees(
+                jax.tree.map(lambda leaf, row=row: leaf[row], out), jax.tree.map(lambda leaf: leaf[3], first)
+            )
+    assert_equal_trees(jax.tree.map(lambda leaf: leaf[3], state), one)
+
+
+@pytest.mark.slow
 def test_a_world_plays_alike_in_every_group_and_call(two: str) -> None:
     """1,050 worlds of each topology: eight groups of lanes in a first call, a part of one in a second."""
     env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False)
