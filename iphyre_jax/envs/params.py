@@ -47,7 +47,7 @@ class StepResult(NamedTuple):
 
     state: Any  # of the next episode if this one has ended
     obs: jax.Array  # of `state`
-    before: Status  # of the decision
+    before: Status  # before the decision; read from the old state afterwards, it would cost a copy of that
     status: Status  # after the decision, before any reset
     final_state: Any  # after the decision, before any reset; None if not asked for
     final_obs: jax.Array | None  # of `final_state`

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.step_program import GROUPS, EnvStep, scene_layout
-from iphyre_jax.execution.batching import lane_slices
 
 STEPS_OF_A_CALL: Final = 48  # at most, all groups together; threads share out a longer decision
 
@@ -72,10 +71,9 @@ class GameTable:
         most = max(1, min(GROUPS, STEPS_OF_A_CALL // max(1, steps), sum(groups) // threads))
         calls = []
         for topology_id in self._topology_ids:
-            start, lanes = sum(counts[:topology_id]), self._programs[topology_id].lanes
-            for number, part in enumerate(lane_slices(counts[topology_id], most * lanes)):
-                own = slice(start + part.start, start + part.stop)
-                groups_of_call = -(-(own.stop - own.start) // lanes)
+            start, count, lanes = sum(counts[:topology_id]), counts[topology_id], self._programs[topology_id].lanes
+            for number, first in enumerate(range(0, groups[topology_id], most)):
+                own = slice(start + first * lanes, start + min((first + most) * lanes, count))
                 rows = own if order is None else order[own]
-                calls.append(ProgramCall(number, topology_id, rows, games[own], groups_of_call))
+                calls.append(ProgramCall(number, topology_id, rows, games[own], min(most, groups[topology_id] - first)))
         return calls

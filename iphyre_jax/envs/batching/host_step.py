@@ -124,7 +124,7 @@ class HostStep:
             work(call)
             return time.thread_time() - start
 
-        self._seconds = sum(run_all(timed, calls) if threads > 1 and len(calls) > 1 else map(timed, calls))
+        self._seconds = sum(run_all(timed, calls) if threads > 1 else map(timed, calls))
 
     def _table(self, scenes: Ints, topology_id: Ints) -> GameTable:
         key = scenes[:, :ID_WORDS].tobytes() + topology_id.tobytes()
