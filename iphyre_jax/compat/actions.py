@@ -154,7 +154,7 @@ def _score_plans(scene: Scene, plans: list[Action], resets: int) -> list[tuple[i
     steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
     program = Score(compiled[0][0], DTYPE, BATCH, steps.shape[1])
     worlds = world_layout(program.topology, DTYPE).pack_many([world for _, world in compiled])
-    frames = np.array([len(official_clock(FPS)), 1], np.int32)
+    frames = np.array([len(official_clock(FPS))], np.int32)
     counts = executable(program)(worlds, np.ascontiguousarray(steps.T), pack_timing(step_timing(FPS, DTYPE)), frames)[0]
     solved, removed, fault = counts[0], counts[2], counts[3]
     if fault.any():

@@ -99,7 +99,7 @@ class Environment:
         """What plays its episodes."""
         protocol = replace(self.protocol, name="")  # names do not matter
         shared = self.topologies, self.dtype, protocol, self.observation, self.limits, self.strategy.no_op_candidate
-        return HostWorlds(*shared, self.final_observation) if self.backend == "host" else TracedWorlds(*shared)
+        return (HostWorlds if self.backend == "host" else TracedWorlds)(*shared, self.final_observation)
 
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
         """Return parameters of other games, which its topologies can play.

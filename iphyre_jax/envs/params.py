@@ -57,7 +57,8 @@ class StepResult(NamedTuple):
 class Worlds(ABC):
     """Resets, plays and observes episodes of one world; `jax.vmap` makes batches. `host_worlds`, `traced_worlds`.
 
-    Hashable. Attributes are those of `Environment`; no_op: whether observations have a candidate that does nothing.
+    Hashable. Attributes are those of `Environment`. no_op: whether observations have a candidate that does nothing;
+    keep_final: whether `step` also returns an ended episode before its reset.
     """
 
     topologies: tuple[Topology, ...]
@@ -66,6 +67,7 @@ class Worlds(ABC):
     observation: ObservationName
     limits: Limits
     no_op: bool
+    keep_final: bool
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,15 @@ import numpy.typing as npt
 Number = TypeVar("Number", bound=np.generic)
 Words = npt.NDArray[np.signedinteger[Any]]
 
+BLOCK = 48  # rows transposed at a time: as many lines as the first cache holds of rows 512 bytes apart
 WORD: dict[str, np.dtype[np.signedinteger[Any]]] = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
+
+
+class Parts(NamedTuple):
+    """A table in two parts, for programs that need derivatives: bits have none."""
+
+    whole: jax.Array  # (rows, lanes), words: whole numbers and flags
+    numbers: jax.Array  # (rows, lanes), floating-point numbers
 
 
 @dataclass(frozen=True)
@@ -84,8 +92,8 @@ class Layout:
         whole, numbers = self.parts(tree)
         return jnp.concatenate([whole, jax.lax.bitcast_convert_type(numbers, self.word)])
 
-    def parts(self, tree: object) -> tuple[jax.Array, jax.Array]:
-        """Return the rows of whole numbers, and those of floating-point numbers, which are not yet words; traced."""
+    def parts(self, tree: object) -> Parts:
+        """Return the two parts of the table of a tree, which has lanes behind; traced."""
         leaves = self.structure.flatten_up_to(tree)
         lanes = jnp.shape(leaves[0])[-1]
         whole = [jnp.zeros((0, lanes), self.word)]
@@ -93,7 +101,7 @@ class Layout:
         for leaf, shape, dtype in zip(leaves, self.shapes, self.dtypes, strict=True):
             flat = jnp.broadcast_to(leaf, (*shape, lanes)).reshape(math.prod(shape), lanes)
             (numbers if dtype == self.dtype else whole).append(flat)
-        return jnp.concatenate([part.astype(self.word) for part in whole]), jnp.concatenate(numbers)
+        return Parts(jnp.concatenate([part.astype(self.word) for part in whole]), jnp.concatenate(numbers))
 
     def unpack(self, table: jax.Array) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the tree of a table (rows, lanes), lanes behind each array's own axes; traced."""
@@ -104,6 +112,18 @@ class Layout:
                 leaves.append(jax.lax.bitcast_convert_type(part, dtype))
             else:
                 leaves.append(part != 0 if dtype == "bool" else part.astype(dtype))
+        return self.structure.unflatten(leaves)
+
+    def join(self, parts: Parts) -> Any:  # noqa: ANN401 - a tree of the layout's structure
+        """Undo `parts`; further rows behind them do not matter; traced."""
+        leaves = []
+        for start, shape, dtype in zip(self.starts, self.shapes, self.dtypes, strict=True):
+            if dtype == self.dtype:
+                table, first = parts.numbers, start - self.whole_rows
+            else:
+                table, first = parts.whole, start
+            part = table[first : first + math.prod(shape)].reshape(*shape, table.shape[-1])
+            leaves.append(part != 0 if dtype == "bool" else part.astype(dtype))
         return self.structure.unflatten(leaves)
 
     def pack_many(self, trees: Sequence[object]) -> Words:
@@ -126,6 +146,25 @@ class Layout:
     def first_rows(self) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the first row of each array, as a tree."""
         return self.structure.unflatten(self.starts)
+
+
+def write_transposed(table: jax.Array, out: jax.Array, first: jax.Array, column: int = 0) -> jax.Array:
+    """Return `out`, one world a row, with a table (rows, lanes) written into it; traced.
+
+    Args:
+        table: its rows go into columns; or one number a lane, (lanes,).
+        out: (worlds, columns), or (worlds,). Into words go the bits of floating-point numbers.
+        first: () int32, first row to write.
+        column: first column to write.
+    """
+    if table.ndim == 1:
+        return jax.lax.dynamic_update_slice(out, table, (first,))
+    for start in range(0, table.shape[0], BLOCK):
+        part = table[start : start + BLOCK].T
+        if jnp.issubdtype(part.dtype, jnp.floating) and not jnp.issubdtype(out.dtype, jnp.floating):
+            part = jax.lax.bitcast_convert_type(part, WORD[part.dtype.name])
+        out = jax.lax.dynamic_update_slice(out, part.astype(out.dtype), (first, np.int32(column + start)))
+    return out
 
 
 def fill_lanes(numbers: npt.NDArray[Number], lanes: int) -> npt.NDArray[Number]:

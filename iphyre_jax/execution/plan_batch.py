@@ -128,13 +128,13 @@ class PlanBatch:
         plans = group.plans(self.plan, program.plan_slots, program.lanes)
         timing = pack_timing(step_timing(settings.fps, settings.dtype))
         if isinstance(program, Score):
-            counts = run(worlds, plans, timing, np.array([settings.steps, 1], np.int32))[0]
+            counts = run(worlds, plans, timing, np.array([settings.steps], np.int32))[0]
             self._write(group.rows, counts[:, : len(group.rows)])
             return
         layout = episode_layout(program.topology, program.dtype)
         episodes, moving = np.zeros((layout.rows, program.lanes), layout.word), []
         for stop in self._stops():
-            episodes = run(worlds, plans, timing, np.array([stop, 1, stop == 0], np.int32), episodes)[0]
+            episodes = run(worlds, plans, timing, np.array([stop, stop == 0], np.int32), episodes)[0]
             result = layout.unpack_numpy(episodes).result
             moving.append(np.stack([result.position.x, result.position.y, result.angle], -1)[:, : len(group.rows)])
         counts = np.stack([result.success, result.steps, result.eliminations, result.fault])

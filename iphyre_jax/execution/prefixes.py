@@ -103,7 +103,7 @@ class _Segment:
         if starts is not None:
             episodes[:, :count] = starts[group.rows, : layout.rows].T
             episodes[:, count:] = episodes[:, count - 1 : count]
-        steps = np.array([self.stop_step, 1, starts is None], np.int32)
+        steps = np.array([self.stop_step, starts is None], np.int32)
         plans = group.plans(self.plan, program.plan_slots, program.lanes)
         run = runner(program, self.partition.mesh)
         played = run(group.worlds(program.lanes), plans, pack_timing(self.timing), steps, episodes)[0][:, :count]

@@ -6,7 +6,6 @@ entry of the cache. `run` is the function to compile, `arguments` are the shapes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import ClassVar, Final, Protocol
@@ -18,11 +17,19 @@ import numpy.typing as npt
 
 from iphyre_jax import rollouts
 from iphyre_jax.execution.layout import Layout
+from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
 TIMING_NUMBERS: Final = 5  # numbers of a packed `Timing`
-SOURCES: Final = ("rules.py", "physics", "rollouts.py", "execution/programs.py", "execution/layout.py")
+SOURCES: Final = (
+    "rules.py",
+    "physics",
+    "rollouts.py",
+    "execution/programs.py",
+    "execution/layout.py",
+    "execution/one_function.py",
+)
 SPARE: Final = -2  # in a plan: the lane is spare, done before it starts
 
 
@@ -77,28 +84,6 @@ def episode_layout(topology: Topology, dtype: str) -> Layout:
         return Layout.of(jax.eval_shape(partial(rollouts.reset_episode, topology), world, done), dtype)
 
 
-def in_one_function(
-    work: Callable[..., jax.Array], arguments: Sequence[jax.Array], like: jax.ShapeDtypeStruct, once: jax.Array
-) -> jax.Array:
-    """Return work(*arguments), compiled into one function of machine code.
-
-    The compiler turns a small loop into one function. Outside a loop it calls separate kernels, which it hands to other
-    threads. So the work is done in a loop of one turn.
-
-    Args:
-        work: returns an array.
-        arguments: arrays; tied to the loop's index, or the compiler would move work on them out of the loop.
-        like: shape and dtype of the result.
-        once: () int32, 1; the compiler must not know it, or it would unroll the loop.
-    """
-
-    def turn(index: jax.Array, _: jax.Array) -> jax.Array:
-        tied, _ = jax.lax.optimization_barrier((tuple(arguments), index))
-        return work(*tied)
-
-    return jax.lax.fori_loop(0, once, turn, jnp.zeros(like.shape, like.dtype))
-
-
 @dataclass(frozen=True)
 class _PlanProgram:
     """A program that plays plans.
@@ -131,48 +116,46 @@ class Score(_PlanProgram):
     """Plays whole episodes and returns their scores."""
 
     def arguments(self) -> Shapes:
-        """Return the shapes of `plan_arguments`, and steps (2,): the number of steps, and 1."""
-        return *self.plan_arguments(), jax.ShapeDtypeStruct((2,), "int32")
+        """Return the shapes of `plan_arguments`, and the number of steps, (1,)."""
+        return *self.plan_arguments(), jax.ShapeDtypeStruct((1,), "int32")
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4, lanes) int32."""
-        worlds, plan, numbers, steps = arguments
 
-        def score(worlds: jax.Array, plan: jax.Array) -> jax.Array:
+        def score(worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
             out = rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]).result
             return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
 
-        like = jax.ShapeDtypeStruct((4, plan.shape[1]), jnp.int32)
-        return (in_one_function(score, (worlds, plan), like, steps[1]),)
+        return (in_one_function(score, *arguments),)
 
 
 class Advance(_PlanProgram):
     """Plays episodes on and returns their whole state."""
 
     def arguments(self) -> Shapes:
-        """Return the shapes of `plan_arguments`, steps (3,), and episodes (words, lanes).
+        """Return the shapes of `plan_arguments`, steps (2,), and episodes (words, lanes).
 
-        The steps are the number to play to, 1, and 1 to reset the episodes first.
+        The steps are the number to play to, and 1 to reset the episodes first.
         """
         layout = episode_layout(self.topology, self.dtype)
-        steps = jax.ShapeDtypeStruct((3,), "int32")
+        steps = jax.ShapeDtypeStruct((2,), "int32")
         return *self.plan_arguments(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episodes, (words, lanes)."""
-        worlds, plan, numbers, steps, episodes = arguments
         layout = episode_layout(self.topology, self.dtype)
 
-        def advance(worlds: jax.Array, plan: jax.Array, episodes: jax.Array) -> jax.Array:
+        def advance(
+            worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array, episodes: jax.Array
+        ) -> jax.Array:
             world = world_layout(self.topology, self.dtype).unpack(worlds)
             start = jax.lax.cond(
-                steps[2] != 0,
+                steps[1] != 0,
                 lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
                 lambda: layout.unpack(episodes),
             )
             return layout.pack(rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]))
 
-        like = jax.ShapeDtypeStruct(episodes.shape, episodes.dtype)
-        return (in_one_function(advance, (worlds, plan, episodes), like, steps[1]),)
+        return (in_one_function(advance, *arguments),)

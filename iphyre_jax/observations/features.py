@@ -4,15 +4,15 @@
 need one at every decision, so nothing is gathered: the rows of a scene's start are a table, in which removed blocks
 become zero and the few moving bodies are written over their rows.
 
-Shapes are those of one world; lanes (further worlds) may stand behind every axis, as in `physics`. The inputs of the
-table stand behind barriers, so that the table is one loop of selects over the lanes.
+Shapes are those of one world; lanes (further worlds) may stand behind every axis, as in `physics`. What the table needs
+of a world (`row_inputs`) is to be computed before it, so that the table is one loop of selects over the lanes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ import numpy as np
 
 from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, object_rows, scene_features
 from iphyre_jax.physics import lanes
-from iphyre_jax.physics.types import Topology
+from iphyre_jax.physics.types import Motion, Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import MAX_OBJECTS, Scene
@@ -137,12 +137,23 @@ def object_table(features: Features, pose: Pose) -> jax.Array:
     return _table(features, start, pose.present, placed, numbers)
 
 
-def official_rows(features: Features, pose: Pose) -> jax.Array:
-    """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
+class RowInputs(NamedTuple):
+    """What the official rows need of a world; n moving bodies."""
+
+    present: jax.Array  # (12,) bool, objects that are present; none in a world that is no longer finite
+    placed: list[jax.Array]  # n of (4,) float32, see `scaled_ends`
+    flags: list[jax.Array]  # of joints and springs, (12,) float32, 1 for an object that is tied
+
+
+def row_inputs(features: Features, pose: Pose) -> RowInputs:
+    """Return what `official_rows` needs of a world."""
     flags = [(_pair_number(member, pose.present) > 0).astype(jnp.float32) for member in _members(features)]
-    present = pose.present & pose.sound[None]
-    present, placed, flags = jax.lax.optimization_barrier((present, scaled_ends(features.ends, pose), flags))
-    table = _table(features, features.obs_rows.astype(jnp.float32), present, placed, flags)
+    return RowInputs(pose.present & pose.sound[None], scaled_ends(features.ends, pose), flags)
+
+
+def official_rows(features: Features, inputs: RowInputs) -> jax.Array:
+    """Return the twelve official rows, (108,) float32 in [0, 1]; zeros for a world that is no longer finite."""
+    table = _table(features, features.obs_rows.astype(jnp.float32), *inputs)
     return table.reshape(-1, *table.shape[2:])
 
 
@@ -160,32 +171,32 @@ def scaled_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:
     ]
 
 
-def speeds(episode: EpisodeState) -> list[jax.Array]:
+def speeds(bodies: Motion) -> list[jax.Array]:
     """Return vx, vy (600 px/s) and angular velocity (rad/s) of each moving body, (3,) float32."""
-    bodies = episode.state.motion
     x, y, angular = bodies.velocity.x, bodies.velocity.y, bodies.angular_velocity
     return [
         jnp.stack([x[body] / SCREEN, y[body] / SCREEN, angular[body]]).astype(jnp.float32) for body in range(len(x))
     ]
 
 
-def motion(features: Features, episode: EpisodeState, steps: jax.Array) -> jax.Array:
-    """Return velocities and time, (37,) float32, not clipped; zeros for a world that is no longer finite.
+def motion(features: Features, own_speeds: Sequence[jax.Array], step: jax.Array, steps: jax.Array) -> jax.Array:
+    """Return velocities and time, (37,) float32, not clipped.
 
     The `speeds` of the moving bodies in their objects' rows come first, then the elapsed share of the 15 s.
 
-    steps: () physics steps of a whole episode.
+    Args:
+        features: of the scene.
+        own_speeds: n of (3,) float32, see `speeds`.
+        step: () int32, steps made.
+        steps: () physics steps of a whole episode.
     """
-    step = episode.state.step
     objects = features.obs_rows.shape[0]
     index = lanes.iota(objects, step)
     table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
-    for mover, speed in zip(features.mover, speeds(episode), strict=True):
+    for mover, speed in zip(features.mover, own_speeds, strict=True):
         table = jnp.where((index == mover[None])[:, None], speed[None], table)
     time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler rewrites the division
-    obs = jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
-    sound = episode.result.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
-    return jnp.where(sound[None], obs, jnp.zeros((), jnp.float32))
+    return jnp.concatenate([table.reshape(-1, *step.shape), time[None]])
 
 
 def _body_ends(ends: jax.Array, pose: Pose) -> list[jax.Array]:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.observations.features import Features, motion, motion_size, official_rows, pose_of, rows_size
-from iphyre_jax.rollouts import EpisodeState
+from iphyre_jax.observations.features import (
+    Features,
+    Pose,
+    RowInputs,
+    motion,
+    motion_size,
+    official_rows,
+    row_inputs,
+    rows_size,
+    speeds,
+)
+from iphyre_jax.physics.types import Motion
 
 ObservationName = Literal["official", "motion", "image"]
 
@@ -25,30 +35,48 @@ def observation_size(observation: ObservationName, objects: int, candidates: int
     return size + motion_size(objects) if observation == "motion" else size
 
 
-def observe(
-    observation: ObservationName,
-    features: Features,
-    present: jax.Array,
-    episode: EpisodeState,
-    steps: jax.Array,
-    *,
-    no_op: bool,
-) -> list[jax.Array]:
-    """Return an observation of a world, float32, in parts to concatenate; lanes stand behind the numbers.
+class ObsInputs(NamedTuple):
+    """What an observation needs of a world."""
+
+    rows: RowInputs
+    motion: jax.Array | None  # (37,) float32, see `features.motion`
+
+
+def obs_inputs(
+    observation: ObservationName, features: Features, pose: Pose, bodies: Motion, step: jax.Array, steps: jax.Array
+) -> ObsInputs:
+    """Return what `observe` needs of a world; lanes stand behind the numbers.
 
     Args:
         observation: "official", or "motion", which adds velocities and time; see `features`.
         features: of the scene.
-        present: (slots,) bool, slots whose block is present.
-        episode: of the world.
+        pose: of the world.
+        bodies: velocities of the moving bodies; only "motion" needs them.
+        step: () int32, steps made.
         steps: () physics steps of a whole episode, the unit of the time in "motion".
+    """
+    rows = row_inputs(features, pose)
+    if observation != "motion":
+        return ObsInputs(rows, None)
+    moved = motion(features, speeds(bodies), step, steps)
+    return ObsInputs(
+        rows, jnp.where(pose.sound[None], moved, jnp.zeros((), jnp.float32))
+    )  # no policy should meet a NaN
+
+
+def observe(features: Features, inputs: ObsInputs, *, no_op: bool) -> jax.Array:
+    """Return an observation of a world, float32; lanes stand behind the numbers.
+
+    Args:
+        features: of the scene.
+        inputs: from `obs_inputs`.
         no_op: whether a candidate that does nothing, (0, 0), stands before those of the blocks.
     """
-    lanes = episode.state.step.shape
-    parts = [official_rows(features, pose_of(features, present, episode))]
+    lanes = inputs.rows.present.shape[1:]
+    parts = [official_rows(features, inputs.rows)]
     if no_op:
         parts.append(jnp.zeros((2, *lanes), jnp.float32))
     parts.append(features.candidates.astype(jnp.float32).reshape(-1, *lanes))
-    if observation == "motion":
-        parts.append(motion(features, episode, steps))
-    return parts
+    if inputs.motion is not None:
+        parts.append(inputs.motion)
+    return jnp.concatenate(parts)

@@ -11,7 +11,7 @@ import pytest
 
 from iphyre_jax import GAMES, SPLITS, load_scene
 from iphyre_jax.envs.in_advance import action_to_times, load_scenes, observation_table, play_plans
-from iphyre_jax.observations.features import Pose, official_rows, scene_tables
+from iphyre_jax.observations.features import Pose, official_rows, row_inputs, scene_tables
 from iphyre_jax.observations.official import object_rows, observation, scene_features, start_observation
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes.compile import compile_scene
@@ -102,7 +102,7 @@ def test_device_and_host_observe_alike() -> None:
         x, y = jnp.asarray(position[movers].T, jnp.float32)
         pose = Pose(x, y, jnp.asarray(angle[movers], jnp.float32), jnp.asarray(present), jnp.ones((), bool))
         expected = observation(host, position, angle, present)[:108]
-        np.testing.assert_allclose(official_rows(features, pose), expected, atol=1e-6)
+        np.testing.assert_allclose(official_rows(features, row_inputs(features, pose)), expected, atol=1e-6)
 
 
 def test_table_of_all_games_is_in_the_box_and_masks_slots() -> None:

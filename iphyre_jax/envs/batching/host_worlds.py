@@ -21,6 +21,7 @@ from jax.experimental.buffer_callback import buffer_callback
 from iphyre_jax.envs.batching.host_calls import reset_episodes, step_episodes
 from iphyre_jax.envs.batching.host_observations import HostObservations
 from iphyre_jax.envs.batching.host_step import ID_WORDS, HostStep
+from iphyre_jax.envs.batching.scene_features import feature_numbers, feature_shapes
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
 from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
@@ -29,12 +30,11 @@ from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
-from iphyre_jax.observations.official import COLUMNS
 from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.shared_topologies import without_absent
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
-from iphyre_jax.scenes import Limits, Scene
+from iphyre_jax.scenes import Scene
 
 HOSTS_CACHED: Final = 64  # sets of topologies; JAX's programs keep their own
 
@@ -71,8 +71,6 @@ class HostState(EnvState):
 class HostWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
-    keep_final: bool  # whether `step` also returns an ended episode before its reset
-
     def params(self, scenes: Sequence[Scene]) -> HostParams:
         """Return scenes as parameters."""
         built = [self.world_of(scene) for scene in scenes]
@@ -90,7 +88,7 @@ class HostWorlds(Worlds):
         """Return a packed scene, its id in front."""
         bars = np.asarray(features.ends)[: topology.bars]
         words = scene_layout(topology, self.dtype).pack_many([(world, bars)])[:, 0]
-        obs = self.features.pack_many([_numbers(features, self.dtype)])[:, 0]
+        obs = self.features.pack_many([feature_numbers(features, self.dtype)])[:, 0]
         digest = hashlib.sha256(repr((topology, self.limits)).encode() + obs.tobytes() + words.tobytes()).digest()
         own = np.frombuffer(digest[: 4 * ID_WORDS], np.int32).astype(words.dtype)
         return np.concatenate([own, obs, words])
@@ -98,7 +96,7 @@ class HostWorlds(Worlds):
     @property
     def features(self) -> Layout:
         """Layout of the features in a packed scene, padded to the largest topology."""
-        return _feature_layout(self.topologies, self.limits, self.dtype)
+        return _feature_layout(self)
 
     def single_game(self, params: HostParams, game: int) -> tuple[Topology, HostParams]:
         """Return the topology and the parameters of one game; see `params.Worlds`."""
@@ -217,30 +215,6 @@ def _host(worlds: HostWorlds) -> HostStep:
 
 
 @lru_cache(1024)
-def _feature_layout(topologies: tuple[Topology, ...], limits: Limits, dtype: str) -> Layout:
-    """Return the layout of `_numbers` of scenes of some topologies."""
-
-    def most(count: Callable[[Topology], int]) -> int:
-        return max(map(count, topologies))
-
-    def array(*shape: int, of: str = dtype) -> Any:  # noqa: ANN401 - it stands for an array
-        return jax.ShapeDtypeStruct(shape, of)
-
-    objects, blocks, bars = limits.objects, limits.blocks, most(lambda topology: topology.bars)
-    features = Features(
-        object_rows=None,
-        obs_rows=array(objects, COLUMNS),
-        mover=array(most(lambda topology: topology.moving), of="int32"),
-        ends=array(bars, 2, 2),
-        slot_object=array(blocks, of="int32"),
-        joints=array(most(lambda topology: len(topology.pins)), objects, of="bool"),
-        springs=array(most(lambda topology: len(topology.springs)), objects, of="bool"),
-        candidates=array(blocks, 2),
-    )
-    return Layout.of(features, dtype)
-
-
-def _numbers(features: Features, dtype: str) -> Features:
-    """Return features (NumPy) with numbers of one dtype, without those that only pictures need."""
-    numbers: dict[str, Any] = {name: np.asarray(getattr(features, name), dtype) for name in ("obs_rows", "candidates")}
-    return replace(features, object_rows=None, **numbers)
+def _feature_layout(worlds: HostWorlds) -> Layout:
+    """Return the layout of `feature_numbers` of scenes."""
+    return Layout.of(feature_shapes(worlds.topologies, worlds.limits, worlds.dtype), worlds.dtype)

@@ -1,4 +1,4 @@
-"""Play a batch of worlds (leading axis) in groups of lanes, each by the branch of its topology; traced.
+"""Play a batch of worlds, one a row, in groups of lanes, each by the branch of its topology; traced.
 
 The same grouping outside a traced program is `execution.batching`.
 """
@@ -6,61 +6,51 @@ The same grouping outside a traced program is `execution.batching`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.envs.batching.play_requests import PlayRequest
-from iphyre_jax.rollouts import EpisodeState
-
-Tree = TypeVar("Tree")
-Branch = Callable[[PlayRequest, EpisodeState], EpisodeState]
+# From arrays of a group, one world a row, and an array for results and its first row for them, to the latter.
+Branch = Callable[[Any, Any, jax.Array], Any]
 
 
-def run_slices(branch: Branch, lanes: int, request: PlayRequest, episode: EpisodeState) -> EpisodeState:
-    """Play a batch of worlds of one topology, slice by slice of lanes."""
-    size = request.game.shape[0]
-    if size == lanes:
-        return _as_batch(branch(*_as_lanes((request, episode))))
+def run_slices(branch: Branch, lanes: int, given: Any, out: Any) -> Any:  # noqa: ANN401 - trees of arrays
+    """Play a batch of worlds of one topology, slice by slice of lanes, and return `out` with its results."""
+    size = jax.tree.leaves(given)[0].shape[0]
 
-    def run_slice(k: jax.Array, whole: EpisodeState) -> EpisodeState:
-        start = jnp.minimum(k * lanes, size - lanes)  # worlds that the last slice plays again wait
-        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, lanes), (request, whole))
-        after = _as_batch(branch(*_as_lanes(part)))
-        return jax.tree.map(lambda leaf, new: jax.lax.dynamic_update_slice_in_dim(leaf, new, start, 0), whole, after)
+    def run_slice(k: jax.Array, out: Any) -> Any:  # noqa: ANN401
+        # The last slice plays some worlds of the one before again.
+        start = jnp.minimum(k * lanes, size - lanes).astype(jnp.int32)
+        part = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, lanes), given)
+        return branch(part, out, start)
 
-    return jax.lax.fori_loop(0, -(-size // lanes), run_slice, episode)
+    return jax.lax.fori_loop(0, -(-size // lanes), run_slice, out)
 
 
 def run_sorted(
-    branches: Sequence[Branch], lanes: int, topology_id: jax.Array, request: PlayRequest, episode: EpisodeState
-) -> EpisodeState:
-    """Play a batch of worlds of several topologies, sorted into groups of one topology each."""
-    size = request.game.shape[0]
+    branches: Sequence[Branch],
+    lanes: int,
+    topology_id: jax.Array,
+    given: Any,  # noqa: ANN401
+    out: Any,  # noqa: ANN401
+) -> Any:  # noqa: ANN401
+    """Play a batch of worlds of several topologies, sorted into groups of one; return `out` with its results."""
     groups = _Groups.of(topology_id, len(branches), lanes)
+    blank = jax.tree.map(lambda leaf: jnp.zeros((lanes, *leaf.shape[1:]), leaf.dtype), out)
 
-    def run_group(k: jax.Array, whole: EpisodeState) -> EpisodeState:
-        topology_id, rows = groups.at(k)
-        part, before = jax.tree.map(lambda leaf: leaf.at[rows].get(mode="clip"), (request, whole))
-        part = replace(part, stop_step=jnp.where(rows < size, part.stop_step, 0))  # a spare lane waits from the start
-        after = _as_batch(jax.lax.switch(topology_id, branches, *_as_lanes((part, before))))
+    def run_group(k: jax.Array, out: Any) -> Any:  # noqa: ANN401
+        topology_id, read, rows = groups.at(k)
+        part = jax.tree.map(lambda leaf: leaf.at[read].get(mode="promise_in_bounds"), given)
+        after = jax.lax.switch(topology_id, branches, part, blank, jnp.int32(0))
         return jax.tree.map(
             lambda leaf, new: leaf.at[rows].set(new, mode="drop", unique_indices=True, indices_are_sorted=True),
-            whole,
+            out,
             after,
         )
 
-    return jax.lax.fori_loop(0, groups.count, run_group, episode)
-
-
-def _as_lanes(tree: Tree) -> Tree:
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), tree)
-
-
-def _as_batch(tree: Tree) -> Tree:
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), tree)
+    return jax.lax.fori_loop(0, groups.count, run_group, out)
 
 
 @dataclass(frozen=True)
@@ -88,10 +78,14 @@ class _Groups:
         """The number of groups, () int32."""
         return self.last[-1]
 
-    def at(self, k: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Return the topology of group k and its worlds, (lanes,) int32, rising; spare lanes lie beyond the batch."""
+    def at(self, k: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Return the topology of group k, the worlds that its lanes play, and where their results go, (lanes,) int32.
+
+        Spare lanes play the last world of the topology too. Their results go beyond the batch. Rows of results rise.
+        """
         topology_id = jnp.sum((k >= self.last).astype(jnp.int32), dtype=jnp.int32)
-        own_groups = -(-self.size[topology_id] // self.lanes)
+        size, start = self.size[topology_id], self.before[topology_id]
+        own_groups = -(-size // self.lanes)
         offset = (k - self.last[topology_id] + own_groups) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
-        rows = self.order.at[self.before[topology_id] + offset].get(mode="clip")
-        return topology_id, jnp.where(offset < self.size[topology_id], rows, self.order.shape[0] + offset)
+        read = self.order.at[start + jnp.minimum(offset, size - 1)].get(mode="promise_in_bounds")
+        return topology_id, read, jnp.where(offset < size, read, self.order.shape[0] + offset)

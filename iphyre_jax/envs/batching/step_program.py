@@ -8,26 +8,24 @@ A packed episode is a row: the words of its status, then those of its physics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, Final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from iphyre_jax import rollouts
 from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
 from iphyre_jax.execution import programs
-from iphyre_jax.execution.layout import WORD, Layout
+from iphyre_jax.execution.layout import Layout, write_transposed
+from iphyre_jax.execution.one_function import in_branch, in_one_function
 from iphyre_jax.observations.features import Pose, scaled_ends, speeds
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
 GROUPS: Final = 8  # most groups of lanes in a call
-BLOCK: Final = 48  # rows transposed at a time: as many lines as the first cache holds of rows 512 bytes apart
 BODY_OBS: Final = 7  # numbers of the observation of a moving body
 RESET: Final = -1  # in place of `stop_step`: the episode is reset, and no step is made
 
@@ -98,7 +96,9 @@ class EnvStep:
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episodes and the bits of the observations of their bodies, (GROUPS * lanes, words)."""
-        scenes, worlds, numbers, groups = arguments
+        return (in_one_function(self._play, *arguments),)
+
+    def _play(self, scenes: jax.Array, worlds: jax.Array, numbers: jax.Array, groups: jax.Array) -> jax.Array:
         timing = programs.unpack_timing(numbers)
 
         def play(group: jax.Array, out: jax.Array) -> jax.Array:
@@ -108,11 +108,14 @@ class EnvStep:
             # Behind a barrier: otherwise each number is looked up where it is used.
             scene, own = jax.lax.optimization_barrier((scene, own))
             world, ends = scene_layout(self.topology, self.dtype).unpack(scene)
-            return _write_transposed(self._step(world, ends, own.T, timing, groups[0] > 0), out, first)
+            column = 0
+            for table in self._step(world, ends, own.T, timing, groups[0] > 0):
+                out = write_transposed(table, out, first, column)
+                column += table.shape[0]
+            return out
 
         out = jnp.zeros((self.most_worlds, self.episode_words + self.body_obs_size), worlds.dtype)
-        # A loop, as in `programs.in_one_function`, is compiled into one function.
-        return (jax.lax.fori_loop(0, groups[0], play, out),)
+        return jax.lax.fori_loop(0, groups[0], play, out)
 
     def _step(
         self, world: World, ends: jax.Array, worlds: jax.Array, timing: Timing, always: jax.Array
@@ -138,26 +141,14 @@ class EnvStep:
             sound = status.fault != FAULT_NOT_FINITE  # no policy should meet a NaN
             position = episode.state.position
             pose = Pose(position.x, position.y, episode.state.angle, status.present, sound)
-            body_obs = [jnp.concatenate(pair) for pair in zip(scaled_ends(ends, pose), speeds(episode), strict=True)]
+            body_obs = [
+                jnp.concatenate(pair)
+                for pair in zip(scaled_ends(ends, pose), speeds(episode.state.motion), strict=True)
+            ]
             rows = jnp.concatenate(body_obs)
             return words, numbers, jnp.where(sound[None], rows, jnp.zeros_like(rows))
 
-        # In a branch that is always taken: otherwise each number is computed while it is transposed.
-        blank = [jnp.zeros(part.shape, part.dtype) for part in jax.eval_shape(tables)]
-        return jax.lax.cond(always, tables, lambda: tuple(blank))
-
-
-def _write_transposed(tables: Sequence[jax.Array], out: jax.Array, first: jax.Array) -> jax.Array:
-    """Write tables (rows, lanes) side by side into `out`, from row `first` on, as (lanes, rows); as words."""
-    column = 0
-    for table in tables:
-        for start in range(0, table.shape[0], BLOCK):
-            part = table[start : start + BLOCK].T
-            if jnp.issubdtype(part.dtype, jnp.floating):
-                part = jax.lax.bitcast_convert_type(part, WORD[part.dtype.name])
-            out = jax.lax.dynamic_update_slice(out, part.astype(out.dtype), (first, np.int32(column)))
-            column += part.shape[1]
-    return out
+        return in_branch(always, tables)
 
 
 def _reset_where(topology: Topology, world: World, is_reset: jax.Array, episode: EpisodeState) -> EpisodeState:

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.envs.batching.play_requests import PlayRequest, initial_episode
-from iphyre_jax.envs.batching.status import Status, status_of
-from iphyre_jax.envs.batching.topology_set import Games, TopologySet
+from iphyre_jax.envs.batching.scene_features import feature_numbers
+from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
+from iphyre_jax.envs.batching.traced_step import Decision, Episode, Games, TracedStep
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
-from iphyre_jax.observations.features import Features, Pose, own_features, pose_of, scene_tables
-from iphyre_jax.observations.vectors import observe
+from iphyre_jax.execution.layout import Parts
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
+from iphyre_jax.observations.vectors import obs_inputs, observe
 from iphyre_jax.physics.shared_topologies import without_absent
-from iphyre_jax.physics.types import Topology
-from iphyre_jax.rollouts import EpisodeState
+from iphyre_jax.physics.types import Motion, Topology, World
+from iphyre_jax.physics.vector import Vec
+from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
@@ -30,9 +34,8 @@ Tree = TypeVar("Tree")
 class TracedParams(EnvParams):
     """Games as arrays, padded to the largest."""
 
-    table: Games  # as the solver reads them
-    start: EpisodeState  # before the first step
-    features: Features  # what an observation needs
+    table: Games
+    features: Features  # of each game
 
     @property
     def topology_id(self) -> jax.Array:
@@ -43,16 +46,14 @@ class TracedParams(EnvParams):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class TracedState(EnvState):
-    """An episode as the solver has it, padded to the largest."""
+    """A packed episode, padded to the largest."""
 
-    episode: EpisodeState  # of the physics
-    row: jax.Array  # () int32, row of the parameters
-    executed: jax.Array  # (slots,) bool, slots that a combined plan has executed
+    parts: Parts  # see `Episode`
 
     @property
     def game(self) -> jax.Array:
         """Row of the parameters, () int32."""
-        return self.row
+        return self.parts.whole[..., GAME].astype(jnp.int32)
 
 
 @dataclass(frozen=True)
@@ -60,40 +61,52 @@ class TracedWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
     @property
-    def topology_set(self) -> TopologySet:
-        """The topologies as one program."""
-        return TopologySet.of(self.topologies, self.dtype)
+    def traced(self) -> TracedStep:
+        """The decision of these worlds."""
+        steps, shared = self.protocol.steps, (self.observation, self.limits, self.no_op, self.keep_final)
+        return TracedStep(self.topologies, self.dtype, steps, *shared)
 
     def params(self, scenes: Sequence[Scene]) -> TracedParams:
         """Return scenes as parameters."""
-        topology_set = self.topology_set
-        topology_ids, rows = [], []
+        built = [self.world_of(scene) for scene in scenes]
+        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
+        return self._params([(one, world, own) for (one, world), own in zip(built, features, strict=True)])
+
+    def _params(self, games: Sequence[tuple[int, World, Features]]) -> TracedParams:
+        """Return games, each with its topology, as parameters."""
         with jax.enable_x64(self.dtype == "float64"):
-            for scene in scenes:
-                topology_id, world = self.world_of(scene)
-                topology_ids.append(topology_id)
-                episode = initial_episode(self.topologies[topology_id], world)
-                rows.append((topology_set.world.pad(world), topology_set.episode.pad(episode)))
-            world, episode = _table(rows)
-            features = _table([scene_tables(scene, self.topologies, self.dtype) for scene in scenes])
-            return TracedParams(Games(world, jnp.asarray(topology_ids, jnp.int32)), episode, features)
+            scenes, starts = [], []
+            for topology_id, world, features in games:
+                scene = self._scene(self.topologies[topology_id], world, features)
+                starts.append(_start(self.traced, topology_id, scene))
+                scenes.append(scene)
+            ids = jnp.asarray([topology_id for topology_id, _, _ in games], jnp.int32)
+            return TracedParams(Games(ids, _table(scenes), _table(starts)), _table([own for _, _, own in games]))
+
+    def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
+        """Return a packed scene, (rows,)."""
+        layout = self.traced.scene_layout(topology)
+        words = layout.pack_many([(feature_numbers(own_features(features, topology), self.dtype), world)])[:, 0]
+        return Parts(jnp.asarray(words[: layout.whole_rows]), jnp.asarray(words[layout.whole_rows :].view(self.dtype)))
 
     def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:
         """Return the topology and the parameters of one game; see `params.Worlds`."""
-        topology_id = int(params.table.topology_id[game])
+        topology_id = int(params.topology_id[game])
+        scene, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], (params.table.scenes, params.features))
+        layout = self.traced.scene_layout(self.topologies[topology_id])
         with jax.enable_x64(self.dtype == "float64"):
-            padded, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], (params.table.world, params.features))
-            shared = self.topologies[topology_id]
-            topology, world = without_absent(shared, self.topology_set.worlds[topology_id].unpad(padded))
-            own = world, initial_episode(topology, world), own_features(features, topology)
-            world, first, features = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], own)
-            return topology, TracedParams(Games(world, jnp.zeros(1, jnp.int32)), first, features)
+            _, joined = layout.join(Parts(scene.whole[:, None], scene.numbers[:, None]))
+            world = jax.tree.map(lambda leaf: np.asarray(leaf)[..., 0], joined)
+        topology, world = without_absent(self.topologies[topology_id], world)
+        one = replace(self, topologies=(topology,))
+        return topology, one._params([(0, world, own_features(features, topology))])
 
     def reset(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
         """Return the observation and the state of an episode before its first step."""
         row = jnp.asarray(game, jnp.int32)
-        state = TracedState(_row(params.start, row), row, jnp.zeros(self.limits.blocks, bool))
-        return self.observe(params, state), state
+        start: Episode = jax.tree.map(lambda leaf: leaf[row], params.table.start)
+        whole = jnp.concatenate([row[None].astype(start.state.whole.dtype), start.state.whole[1:]])
+        return start.obs, TracedState(start.state._replace(whole=whole))
 
     def step(
         self,
@@ -105,40 +118,76 @@ class TracedWorlds(Worlds):
         next_game: jax.Array,
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
-        times, games = _opaque((step_timing(self.protocol.fps, self.dtype), params.table))
-        episode = self.topology_set.run(times, games, PlayRequest(state.row, plan, stop_step), state.episode)
-        last = TracedState(episode, state.row, executed)
-        status, final_obs = self.status(params, last), self.observe(params, last)
-        ended = status.success | (status.fault != 0) | (status.step >= self.protocol.steps)
-        follows = ended & (next_game >= 0)
-        start = self.reset(params, jnp.maximum(next_game, 0))
-        obs, now = jax.tree.map(lambda new, old: jnp.where(follows, new, old), start, (final_obs, last))
-        return StepResult(now, obs, self.status(params, state), status, last, final_obs)
+        timing = _opaque(step_timing(self.protocol.fps, self.dtype))
+        request = jnp.concatenate([plan, stop_step[None], executed.astype(jnp.int32)])
+        given = Decision(state.parts, request, jnp.asarray(next_game, jnp.int32), jnp.zeros((), jnp.int32))
+        out = self.traced.decide(timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
+        out = jax.tree.map(lambda leaf: leaf[0], out)
+        final_state, final_obs = (TracedState(out.final[0].state), out.final[0].obs) if out.final else (None, None)
+        before, after = self.status(params, state), unpack_status(out.status)
+        return StepResult(TracedState(out.now.state), out.now.obs, before, after, final_state, final_obs)
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""
-        return status_of(state.row, _row(params.table.world, state.row), state.episode, state.executed)
+        del params
+        return unpack_status(state.parts.whole[: self.traced.status_words])
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
         """Return the observation of an episode."""
-        present, steps = self.status(params, state).present, jnp.asarray(self.protocol.steps)
-        features = _row(params.features, state.row)
-        return jnp.concatenate(observe(self.observation, features, present, state.episode, steps, no_op=self.no_op))
+        step, steps = self.status(params, state).step, jnp.asarray(self.protocol.steps)
+        features, pose = self.pose(params, state)
+        _, velocity, angular_velocity = self._bodies(params, state)
+        still = jnp.zeros_like(angular_velocity)
+        bodies = Motion(velocity, angular_velocity, Vec(still, still), still)
+        return observe(features, obs_inputs(self.observation, features, pose, bodies, step, steps), no_op=self.no_op)
 
     def pose(self, params: TracedParams, state: TracedState) -> tuple[Features, Pose]:
         """Return what a picture of an episode needs."""
-        features = _row(params.features, state.row)
-        return features, pose_of(features, self.status(params, state).present, state.episode)
+        features = jax.tree.map(lambda leaf: leaf[state.game], params.features)
+        status = self.status(params, state)
+        (x, y, angle), _, _ = self._bodies(params, state)
+        sound = status.fault != FAULT_NOT_FINITE
+        return features, Pose(x, y, angle, present_objects(features, status.present), sound)
+
+    def _bodies(self, params: TracedParams, state: TracedState) -> tuple[tuple[jax.Array, ...], Vec, jax.Array]:
+        """Return x, y and angle, velocity and angular velocity of the moving bodies, padded to the largest."""
+        bodies = params.features.mover.shape[-1]
+        rows = jnp.asarray([_body_rows(topology, self.dtype, bodies) for topology in self.topologies])
+        x, y, angle, *velocity, angular = state.parts.numbers[rows[params.topology_id[state.game]]].reshape(-1, bodies)
+        return (x, y, angle), Vec(*velocity), angular
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _start(step: TracedStep, topology_id: int, scene: Parts) -> Episode:
+    """Return the episode of a packed scene before its first step."""
+    start = step.start(step.topologies[topology_id], jax.tree.map(lambda rows: rows[:, None], scene))
+    return jax.tree.map(lambda rows: rows[:, 0], start)
+
+
+def _body_rows(topology: Topology, dtype: str, bodies: int) -> list[int]:
+    """Return the rows of an episode's numbers that hold x, y, angle and velocities of each moving body."""
+    layout = episode_layout(topology, dtype)
+    state = layout.first_rows().state
+    position, motion = state.position, state.motion
+    starts = position.x, position.y, state.angle, motion.velocity.x, motion.velocity.y, motion.angular_velocity
+    # Row 0 stands for a body that a smaller topology lacks; nobody sees it.
+    missing = [0] * (bodies - topology.moving)
+    own = [range(start - layout.whole_rows, start - layout.whole_rows + topology.moving) for start in starts]
+    return [row for rows in own for row in [*rows, *missing]]
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays, each a row, on the device."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
+    """Stack trees of arrays, each a row, on the device; zeros pad shorter ones."""
 
+    def stacked(*leaves: np.ndarray) -> jax.Array:
+        shape = np.max([np.shape(leaf) for leaf in leaves], axis=0)
+        padded = [
+            np.pad(leaf, [(0, most - size) for most, size in zip(shape, np.shape(leaf), strict=True)])
+            for leaf in leaves
+        ]
+        return jnp.asarray(np.stack(padded))
 
-def _row(table: Tree, index: jax.Array) -> Tree:
-    """Return one row of every array of a tree."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[index], table)
+    return jax.tree.map(stacked, *rows)
 
 
 def _opaque(tree: Tree) -> Tree:

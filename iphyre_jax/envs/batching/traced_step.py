@@ -1,0 +1,253 @@
+"""One decision of many worlds of several topologies, inside the user's program.
+
+A topology decides what is compiled. So a batch is sorted by topology and played in groups of lanes (trailing axes, see
+`physics.types`), each by the code of its topology. The tables of all topologies are padded behind to the largest, which
+changes nothing: a world is computed as in a batch of its own topology.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+
+from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
+from iphyre_jax.envs.batching.scene_features import feature_shapes
+from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
+from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
+from iphyre_jax.execution.devices import traced_lanes
+from iphyre_jax.execution.layout import WORD, Layout, Parts, write_transposed
+from iphyre_jax.execution.one_function import in_branch, in_one_function
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.execution.rowwise import rowwise
+from iphyre_jax.observations.features import Features, pose_of
+from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
+from iphyre_jax.physics.types import Timing, Topology, World
+from iphyre_jax.rollouts import EpisodeState, reset_episode
+from iphyre_jax.scenes import Limits
+
+
+class Episode(NamedTuple):
+    """An episode as it is kept, and what an agent sees of it."""
+
+    state: Parts  # (rows,) its status, see `status_rows`, then its physics
+    obs: jax.Array  # (numbers,) float32
+
+
+class Games(NamedTuple):
+    """Tables of games, one a row."""
+
+    topology_id: jax.Array  # (games,) int32
+    scenes: Parts  # see `TracedStep.scene_layout`
+    start: Episode  # before the first step
+
+
+class Decision(NamedTuple):
+    """What a world plays next."""
+
+    state: Parts  # of its episode
+    request: jax.Array  # (2 slots + 1,) int32: a plan, the step to play to, and the slots that are executed then
+    next_game: jax.Array  # () int32, game of the episode that follows if this one ends; -1 for none
+    first_game: jax.Array  # () int32, row of the world's game 0
+
+    @property
+    def row(self) -> jax.Array:
+        """Row of the game of each episode, (B,) int32; of many worlds, one a row."""
+        return self.first_game + self.state.whole[:, GAME].astype(jnp.int32)
+
+
+class Outcome(NamedTuple):
+    """What a decision leaves."""
+
+    now: Episode
+    status: jax.Array  # (words,) packed, before any reset
+    final: tuple[Episode, ...]  # before any reset; empty if not asked for
+
+
+@dataclass(frozen=True)
+class TracedStep:
+    """The decision of an environment. Attributes are those of `Worlds`, and the steps of a whole episode."""
+
+    topologies: tuple[Topology, ...]
+    dtype: str
+    steps: int
+    observation: ObservationName
+    limits: Limits
+    no_op: bool
+    keep_final: bool
+
+    @property
+    def status_words(self) -> int:
+        """Words of a status."""
+        return status_words(self.limits.blocks)
+
+    @property
+    def rows(self) -> tuple[int, int]:
+        """Rows of the two parts of the largest episode."""
+        layouts = [episode_layout(topology, self.dtype) for topology in self.topologies]
+        whole = self.status_words + max(layout.whole_rows for layout in layouts)
+        return whole, max(layout.rows - layout.whole_rows for layout in layouts)
+
+    def scene_layout(self, topology: Topology) -> Layout:
+        """Return the layout of a scene: what an observation needs, and its world."""
+        shapes = feature_shapes((topology,), self.limits, self.dtype), World.shapes(topology, self.dtype)
+        return Layout.of(shapes, self.dtype)
+
+    def start(self, topology: Topology, scene: Parts) -> Episode:
+        """Return episodes of scenes before their first step, lanes behind; their game is 0."""
+        lanes = scene.whole.shape[1:]
+        features, world = self.scene_layout(topology).join(scene)
+        episode = reset_episode(topology, world, jnp.zeros(lanes, bool))
+        executed = jnp.zeros((self.limits.blocks, *lanes), bool)
+        status = status_of(jnp.zeros(lanes, jnp.int32), world, episode, executed)
+        inputs = self._obs_inputs(features, status, episode)
+        return Episode(self._packed(topology, status, episode), observe(features, inputs, no_op=self.no_op))
+
+    def play(self, topology: Topology, timing: Timing, scene: Parts, start: Episode, given: Decision) -> Outcome:
+        """Play one decision of worlds of one topology, lanes behind their rows; start: of the next episodes."""
+        slots, first = self.limits.blocks, self.status_words
+        features, world = self.scene_layout(topology).join(scene)
+
+        def played() -> tuple[Parts, ObsInputs, jax.Array]:
+            plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
+            game = given.state.whole[GAME].astype(jnp.int32)
+            before = Parts(given.state.whole[first:], given.state.numbers)
+            episode = episode_layout(topology, self.dtype).join(before)
+            episode = run_requests(topology, timing, world, PlayRequest(game, plan, stop_step), episode)
+            status = status_of(game, world, episode, executed)
+            ended = status.success | (status.fault != 0) | (status.step >= self.steps)
+            return (
+                self._packed(topology, status, episode),
+                self._obs_inputs(features, status, episode),
+                ended & (given.next_game >= 0),
+            )
+
+        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> Outcome:
+            final = Episode(state, observe(features, inputs, no_op=self.no_op))
+            whole = jnp.concatenate([given.next_game[None].astype(state.whole.dtype), start.state.whole[1:]])
+            fresh = start._replace(state=start.state._replace(whole=whole))
+            now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
+            return Outcome(now, state.whole[:first], (final,) if self.keep_final else ())
+
+        always = timing.dt > 0
+        return in_branch(always, partial(left, *in_branch(always, played)))
+
+    def blank(self, size: int) -> Outcome:
+        """Return zeros in the place of what decisions of so many worlds leave."""
+        word = WORD[self.dtype]
+        rows, numbers = self.rows
+        obs = observation_size(self.observation, self.limits.objects, self.limits.blocks + self.no_op)
+        state = Parts(jnp.zeros((size, rows), word), jnp.zeros((size, numbers), self.dtype))
+        episode = Episode(state, jnp.zeros((size, obs), jnp.float32))
+        return Outcome(episode, jnp.zeros((size, self.status_words), word), (episode,) if self.keep_final else ())
+
+    def _packed(self, topology: Topology, status: Status, episode: EpisodeState) -> Parts:
+        """Return episodes as they are kept; lanes behind."""
+        whole, numbers = episode_layout(topology, self.dtype).parts(episode)
+        rows = [row.astype(whole.dtype)[None] for row in status_rows(status)]
+        parts = zip((jnp.concatenate([*rows, whole]), numbers), self.rows, strict=True)
+        return Parts(*(jnp.pad(part, ((0, size - len(part)), (0, 0))) for part, size in parts))
+
+    def _obs_inputs(self, features: Features, status: Status, episode: EpisodeState) -> ObsInputs:
+        pose, bodies = pose_of(features, status.present, episode), episode.state.motion
+        return obs_inputs(self.observation, features, pose, bodies, status.step, jnp.asarray(self.steps))
+
+    def decide(self, timing: Timing, games: Games, given: Decision) -> Outcome:
+        """Play one decision of a batch.
+
+        Args:
+            timing: of the physics step; the same for all worlds of a batch.
+            games: of all worlds.
+            given: one world a row.
+        """
+        return _differentiable(self)(timing, games, given)
+
+
+Decide = Callable[[Timing, Games, Decision], Outcome]
+
+
+@lru_cache(64)
+def _differentiable(step: TracedStep) -> Decide:
+    """Return `_vmappable` with its own derivative, that of the plain program."""
+    decide = jax.custom_jvp(_vmappable(step))
+
+    @decide.defjvp
+    def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Outcome, Outcome]:
+        def plain(timing: Timing, games: Games, given: Decision) -> Outcome:
+            return _decide(step, lambda work, *arguments: work(*arguments), (timing, games), given)
+
+        both: tuple[Outcome, Outcome] = jax.jvp(plain, primals, tangents)
+        return both
+
+    return decide
+
+
+def _vmappable(step: TracedStep) -> Decide:
+    """Return `_decide` with its own rule for `jax.vmap`: axes in front join that of the batch."""
+
+    @custom_vmap
+    @jax.jit
+    def decide(timing: Timing, games: Games, given: Decision) -> Outcome:
+        return rowwise(partial(_decide, step, in_one_function), (timing, games), given)
+
+    @decide.def_vmap
+    def batched(
+        size: int, mapped: Sequence[object], timing: Timing, games: Games, given: Decision
+    ) -> tuple[Outcome, Outcome]:
+        if any(jax.tree.leaves(mapped[0])):
+            raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
+
+        def with_axis(leaf: jax.Array, has_axis: bool) -> jax.Array:
+            return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
+
+        def without_axis(leaf: jax.Array) -> jax.Array:
+            return leaf.reshape(size * leaf.shape[1], *leaf.shape[2:])
+
+        given = jax.tree.map(with_axis, given, mapped[2])
+        if any(jax.tree.leaves(mapped[1])):  # each world has games of its own: stack them
+            games = jax.tree.map(with_axis, games, mapped[1])
+            first = games.topology_id.shape[1] * jnp.arange(size, dtype=jnp.int32)
+            given = given._replace(first_game=given.first_game + first[:, None])
+            games = jax.tree.map(without_axis, games)
+        out = decide(timing, games, jax.tree.map(without_axis, given))
+        out = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), out)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return decide
+
+
+def _decide(step: TracedStep, call: Callable[..., Outcome], shared: tuple[Timing, Games], given: Decision) -> Outcome:
+    """Do what `TracedStep.decide` says; call(work, *arguments) returns what work(*arguments) does."""
+    (timing, games), size = shared, given.next_game.shape[0]
+    lanes, is_single = min(size, traced_lanes()), games.topology_id.shape[0] == 1
+
+    def play(
+        topology: Topology, timing: Timing, games: Games, given: Decision, out: Outcome, first: jax.Array
+    ) -> Outcome:
+        """Play worlds of one topology, one a row, and write what they leave into `out`, from row `first` on."""
+
+        def rows_of(table: jax.Array, game: jax.Array) -> jax.Array:
+            if is_single:  # no lookup: all lanes play the one game
+                return jnp.broadcast_to(table[0][:, None], (table.shape[1], lanes))
+            return table.at[game].get(mode="clip").T
+
+        scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
+        start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game), games.start)
+        tables = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
+        return jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
+
+    branches = [partial(play, topology) for topology in step.topologies]
+    if len(branches) > 1:
+        own = [partial(call, branch, timing, games) for branch in branches]
+        return run_sorted(own, lanes, games.topology_id[given.row], given, step.blank(size))
+
+    def run(timing: Timing, games: Games, given: Decision) -> Outcome:
+        return run_slices(partial(branches[0], timing, games), lanes, given, step.blank(size))
+
+    # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.
+    return in_branch(timing.dt > 0, lambda: call(run, timing, games, given))

@@ -1,0 +1,60 @@
+"""Parts of a program that a CPU runs as one function of machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
+
+Tree = TypeVar("Tree")
+
+# Of a call. XLA sets the first one itself, on small loops; the second keeps the call from being inlined before that.
+ATTRIBUTES: Final[Mapping[str, str]] = {"xla_cpu_small_call": "true", "inlineable": "false"}
+
+
+def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa: ANN401 - trees of arrays
+    """Return work(*arguments); on a CPU it is compiled into one function; traced.
+
+    Otherwise a CPU runs a kernel for each fused operation, one after the other, and a physics step has some hundred.
+
+    Args:
+        work: returns a tree of arrays. It has no sort, scatter, call of the host or exchange between devices, which XLA
+            cannot compile into a function, and is neither batched nor differentiated.
+        arguments: trees of arrays.
+    """
+    if jax.default_backend() != "cpu":
+        return work(*arguments)
+    leaves: list[jax.Array]
+    leaves, structure = jax.tree.flatten(arguments)
+    filled = [leaf for leaf in leaves if leaf.size]
+
+    def call(*filled: jax.Array) -> tuple[jax.Array, Tree]:
+        given = iter(filled)
+        every = [next(given) if leaf.size else jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
+        # jaxlib 0.10.2 ends the process if the function leaves an argument unused. So a number of each is used.
+        used = sum((leaf[(0,) * leaf.ndim].astype(jnp.int32) for leaf in filled), jnp.int32(0))
+        return used, work(*jax.tree.unflatten(structure, every))
+
+    used, result = jax.jit(call)(*filled)
+    first, *others = jax.tree.leaves(result)
+    marked = [set_xla_metadata(first, **ATTRIBUTES), *others]
+    _, result = jax.lax.optimization_barrier((used, jax.tree.unflatten(jax.tree.structure(result), marked)))
+    return result
+
+
+def in_branch(always: jax.Array, work: Callable[[], Tree]) -> Tree:
+    """Return work(), computed in a branch; traced.
+
+    So its results are there before anything that needs them. Otherwise a CPU's compiler computes what they share anew
+    for each number of each of them; an optimization barrier does not keep it from that.
+
+    Args:
+        always: () bool, True, which the compiler must not know.
+        work: returns a tree of arrays.
+    """
+    work = jax.jit(work)  # traced once, not for its shapes too
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(work))
+    return jax.lax.cond(always, work, lambda: blank)
