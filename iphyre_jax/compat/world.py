@@ -14,6 +14,7 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable
+from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.execution.programs import episode_layout, pack_timing, world_layout
 from iphyre_jax.observations.official import object_rows, scene_features
 from iphyre_jax.physics import eliminate
@@ -62,17 +63,19 @@ class OfficialStep:
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episode, (rows, 1)."""
-        words, numbers, command, episode = arguments
+        return (in_one_function(self._play, *arguments),)
+
+    def _play(self, words: jax.Array, numbers: jax.Array, command: jax.Array, episode: jax.Array) -> jax.Array:
         world, layout = world_layout(self.topology, DTYPE).unpack(words), episode_layout(self.topology, DTYPE)
         no = jnp.zeros(1, bool)
-        episode = jax.lax.cond(
+        before: EpisodeState = jax.lax.cond(
             command[2] != 0, lambda: reset_episode(self.topology, world, no), lambda: layout.unpack(episode)
         )
-        state = eliminate(self.topology, world, episode.state, world.plan_slot == command[0])
-        going = EpisodeState(state, replace(episode.result, done=no, success=no))
+        state = eliminate(self.topology, world, before.state, world.plan_slot == command[0])
+        going = EpisodeState(state, replace(before.result, done=no, success=no))
         never = jnp.full((1, 1), NO_SLOT, jnp.int32)
         request = PlayRequest(jnp.zeros(1, jnp.int32), never, state.step + command[1])
-        return (layout.pack(run_requests(self.topology, programs.unpack_timing(numbers), world, request, going)),)
+        return layout.pack(run_requests(self.topology, programs.unpack_timing(numbers), world, request, going))
 
 
 class SteppedWorld:

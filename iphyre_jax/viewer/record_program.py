@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from iphyre_jax import rollouts
 from iphyre_jax.execution import programs
+from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.physics.collision import contacts, shapes
 from iphyre_jax.physics.types import Timing, Topology, World
 
@@ -63,7 +64,9 @@ class RecordProgram:
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return success, steps, eliminations and fault, (4,) int32, then the arrays of `Frames`."""
-        words, plan, numbers = arguments
+        return in_one_function(self._record, *arguments)
+
+    def _record(self, words: jax.Array, plan: jax.Array, numbers: jax.Array) -> tuple[jax.Array, ...]:
         world = jax.tree.map(lambda leaf: leaf[..., 0], programs.world_layout(self.topology, self.dtype).unpack(words))
         result, frames = _record_frames(self.topology, self.length, world, programs.unpack_timing(numbers), plan)
         counts = jnp.stack([result.success.astype(jnp.int32), result.steps, result.eliminations, result.fault])

@@ -12,10 +12,6 @@ from collections.abc import Mapping
 OPTIONS: Mapping[str, str] = {
     # One loop for several results, instead of one for each that repeats what they share.
     "xla_cpu_use_multi_output_fusion": "true",
-    # A loop that carries fewer bytes becomes one function, instead of a call for each operation. A group of worlds
-    # carries up to 2 MiB in float32, a decision's call eight groups. With a threshold of 1 MiB the hardest games run at
-    # two thirds of the speed.
-    "xla_cpu_small_while_loop_byte_threshold": "67108864",
     # LLVM compares more pairs of arrays before it gives up vectorising a loop with many results.
     "-vectorize-memory-check-threshold": "100000",
     # The widest vectors, bits; the default is half of AVX-512. No effect on machines without it.

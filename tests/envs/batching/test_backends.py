@@ -104,34 +104,64 @@ def test_a_game_plays_in_a_mixture_as_alone() -> None:
 
 
 @pytest.mark.slow
-def test_any_form_of_batch_gives_the_same(two: str) -> None:
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> None:
     """One world, axes within axes, parameters of its own for each world, without jit."""
-    env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False)
-    games, actions = jnp.arange(6, dtype=jnp.int32) % 2, actions_of(env, (6,), 1)
-    key = jax.random.key(0)
+    with jax.enable_x64(True):  # in float32 a program of another form may round otherwise, if it is the user's
+        env, params = iphyre_jax.make(f"on-the-fly/{two}", autoreset=False, dtype="float64", backend=backend)
+        games, actions = jnp.arange(6, dtype=jnp.int32) % 2, actions_of(env, (6,), 1)
+        key = jax.random.key(0)
 
-    def play(game: jax.Array, action: jax.Array, params: EnvParams) -> Any:
-        obs, state = env.reset_to(game, params)
-        out = env.step(key, state, action, params)
-        return obs, out[0], out[2:], env.step(key, out[1], action, params)[0]
+        def play(game: jax.Array, action: jax.Array, params: EnvParams) -> Any:
+            obs, state = env.reset_to(game, params)
+            out = env.step(key, state, action, params)
+            return obs, out[0], out[2:], env.step(key, out[1], action, params)[0]
 
-    expected = jax.vmap(play, in_axes=(0, 0, None))(games, actions, params)
+        expected = jax.vmap(play, in_axes=(0, 0, None))(games, actions, params)
 
-    def assert_same(given: Any) -> None:
-        for one, other in zip(jax.tree.leaves(given), jax.tree.leaves(expected), strict=True):
-            np.testing.assert_array_equal(one, other)
+        def assert_same(given: Any) -> None:
+            for one, other in zip(jax.tree.leaves(given), jax.tree.leaves(expected), strict=True):
+                np.testing.assert_array_equal(one, other)
 
-    singles = [play(game, action, params) for game, action in zip(games, actions, strict=True)]
-    assert_same(jax.tree.map(lambda *rows: jnp.stack(rows), *singles))
-    twice = jax.vmap(jax.vmap(play, in_axes=(0, 0, None)), in_axes=(0, 0, None))
-    nested = twice(games.reshape(2, 3), actions.reshape(2, 3), params)
-    assert_same(jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested))
-    own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
-    assert_same(jax.jit(jax.vmap(play))(games, actions, own))
-    one_game = [env.single_game(params, int(game))[1] for game in games[:2]]
-    assert one_game[0].games == 1
-    with jax.disable_jit():
-        assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
+        singles = [play(game, action, params) for game, action in zip(games, actions, strict=True)]
+        assert_same(jax.tree.map(lambda *rows: jnp.stack(rows), *singles))
+        twice = jax.vmap(jax.vmap(play, in_axes=(0, 0, None)), in_axes=(0, 0, None))
+        nested = twice(games.reshape(2, 3), actions.reshape(2, 3), params)
+        assert_same(jax.tree.map(lambda leaf: leaf.reshape(6, *leaf.shape[2:]), nested))
+        own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
+        assert_same(jax.jit(jax.vmap(play))(games, actions, own))
+        one_game = [env.single_game(params, int(game))[1] for game in games[:2]]
+        assert one_game[0].games == 1
+        with jax.disable_jit(backend == "host"):
+            assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
+
+
+@pytest.mark.slow
+def test_a_traced_state_has_derivatives() -> None:
+    """Of an observation by the state before the decision, in every form; beside differences."""
+    with jax.enable_x64(True):
+        env, params = iphyre_jax.make("on-the-fly/hole-v1", dtype="float64", observation="motion", backend="xla")
+        key = jax.random.key(0)
+        _, state = env.reset(key, params)
+        for _ in range(3):  # falling
+            _, state, *_ = env.step(key, state, 0, params)
+        leaves, structure = jax.tree.flatten(state)
+        (at,) = [k for k, leaf in enumerate(leaves) if leaf.dtype == jnp.float64]
+
+        def seen(numbers: jax.Array) -> jax.Array:
+            changed = jax.tree.unflatten(structure, [*leaves[:at], numbers, *leaves[at + 1 :]])
+            return env.step(key, changed, 0, params)[0]
+
+        numbers = leaves[at]
+        slopes = jax.jacfwd(seen)(numbers)
+        row = int(jnp.argmax(jnp.abs(slopes).max(axis=0)))
+        way = jnp.zeros_like(numbers).at[row].set(1.0)
+        assert jnp.abs(slopes[:, row]).max() > 1e-4
+        np.testing.assert_array_equal(jax.jit(lambda at: jax.jvp(seen, (at,), (way,)))(numbers)[1], slopes[:, row])
+        both = jax.vmap(lambda at: jax.jvp(seen, (at,), (way,)))(jnp.stack([numbers, numbers]))[1]
+        np.testing.assert_array_equal(both, jnp.stack([slopes[:, row]] * 2))
+        difference = (seen(numbers + 1e-3 * way) - seen(numbers - 1e-3 * way)) / 2e-3
+        np.testing.assert_allclose(slopes[:, row], difference, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -279,3 +309,38 @@ def test_a_mixture_inside_a_program_of_a_process_of_its_own() -> None:
     assert len(plain) == 2 * hashlib.sha256().digest_size
     assert told("iphyre_jax.configure()") == plain
     assert told(flags="--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=true") == plain
+
+
+SPREAD = """
+import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_disable_most_optimizations", True)
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
+import iphyre_jax
+iphyre_jax.register("spread-v1", ["hole", "multi_ball_hole"])
+mesh = jax.make_mesh((2,), ("worlds",), axis_types=(AxisType.Auto,))
+rows, whole = NamedSharding(mesh, PartitionSpec("worlds")), NamedSharding(mesh, PartitionSpec())
+for games in ("hole", "spread"):
+    env, params = iphyre_jax.make(f"on-the-fly/{games}-v1", backend="xla")
+    keys = jax.random.split(jax.random.key(0), 8)
+    state = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))(keys, params)[1]
+    actions = jnp.arange(8, dtype=jnp.int32) % 7
+    step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+    alone = step(keys, state, actions, params)
+    given = *jax.device_put((keys, state, actions), rows), jax.device_put(params, whole)
+    compiled = step.lower(*given).compile()
+    for one, other in zip(*map(jax.tree.leaves, (compiled(*given), alone)), strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert one.sharding.spec[:1] == ("worlds",), one.sharding
+    text = compiled.as_text()
+    assert not any(name in text for name in ("all-gather", "all-reduce", "all-to-all", "collective-permute")), text
+    assert sum(" call(" in line and "inlineable" in line for line in text.splitlines()) == len(env.topologies), text
+print("done")
+"""
+
+
+@pytest.mark.slow
+def test_each_device_plays_its_own_worlds() -> None:
+    """With `backend="xla"` and a batch spread over two devices: nothing is exchanged, each world stays where it is."""
+    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    done = subprocess.run([sys.executable, "-c", SPREAD], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "done", done.stderr
