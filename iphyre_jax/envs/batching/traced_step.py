@@ -47,7 +47,7 @@ class Games(NamedTuple):
     start: Episode  # before the first step
 
 
-class Decision(NamedTuple):
+class StepInput(NamedTuple):
     """What a world plays next."""
 
     state: Parts  # of its episode
@@ -61,7 +61,7 @@ class Decision(NamedTuple):
         return self.first_game + self.state.whole[:, GAME].astype(jnp.int32)
 
 
-class Outcome(NamedTuple):
+class StepOutput(NamedTuple):
     """What a decision leaves."""
 
     now: Episode
@@ -108,7 +108,7 @@ class TracedStep:
         inputs = self._obs_inputs(features, status, episode)
         return Episode(self._packed(topology, status, episode), observe(features, inputs, no_op=self.no_op))
 
-    def play(self, topology: Topology, timing: Timing, scene: Parts, start: Episode, given: Decision) -> Outcome:
+    def play(self, topology: Topology, timing: Timing, scene: Parts, start: Episode, given: StepInput) -> StepOutput:
         """Play one decision of worlds of one topology, lanes behind their rows; start: of the next episodes."""
         slots, first = self.limits.blocks, self.status_words
         features, world = self.scene_layout(topology).join(scene)
@@ -127,24 +127,24 @@ class TracedStep:
                 ended & (given.next_game >= 0),
             )
 
-        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> Outcome:
+        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> StepOutput:
             final = Episode(state, observe(features, inputs, no_op=self.no_op))
             whole = jnp.concatenate([given.next_game[None].astype(state.whole.dtype), start.state.whole[1:]])
             fresh = start._replace(state=start.state._replace(whole=whole))
             now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
-            return Outcome(now, state.whole[:first], (final,) if self.keep_final else ())
+            return StepOutput(now, state.whole[:first], (final,) if self.keep_final else ())
 
         always = timing.dt > 0
         return in_branch(always, partial(left, *in_branch(always, played)))
 
-    def blank(self, size: int) -> Outcome:
+    def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""
         word = WORD[self.dtype]
         rows, numbers = self.rows
         obs = observation_size(self.observation, self.limits.objects, self.limits.blocks + self.no_op)
         state = Parts(jnp.zeros((size, rows), word), jnp.zeros((size, numbers), self.dtype))
         episode = Episode(state, jnp.zeros((size, obs), jnp.float32))
-        return Outcome(episode, jnp.zeros((size, self.status_words), word), (episode,) if self.keep_final else ())
+        return StepOutput(episode, jnp.zeros((size, self.status_words), word), (episode,) if self.keep_final else ())
 
     def _packed(self, topology: Topology, status: Status, episode: EpisodeState) -> Parts:
         """Return episodes as they are kept; lanes behind."""
@@ -157,7 +157,7 @@ class TracedStep:
         pose, bodies = pose_of(features, status.present, episode), episode.state.motion
         return obs_inputs(self.observation, features, pose, bodies, status.step, jnp.asarray(self.steps))
 
-    def decide(self, timing: Timing, games: Games, given: Decision) -> Outcome:
+    def decide(self, timing: Timing, games: Games, given: StepInput) -> StepOutput:
         """Play one decision of a batch.
 
         Args:
@@ -168,7 +168,7 @@ class TracedStep:
         return _differentiable(self)(timing, games, given)
 
 
-Decide = Callable[[Timing, Games, Decision], Outcome]
+Decide = Callable[[Timing, Games, StepInput], StepOutput]
 
 
 @lru_cache(64)
@@ -177,11 +177,11 @@ def _differentiable(step: TracedStep) -> Decide:
     decide = jax.custom_jvp(_vmappable(step))
 
     @decide.defjvp
-    def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Outcome, Outcome]:
-        def plain(timing: Timing, games: Games, given: Decision) -> Outcome:
+    def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[StepOutput, StepOutput]:
+        def plain(timing: Timing, games: Games, given: StepInput) -> StepOutput:
             return _decide(step, lambda work, *arguments: work(*arguments), (timing, games), given)
 
-        both: tuple[Outcome, Outcome] = jax.jvp(plain, primals, tangents)
+        both: tuple[StepOutput, StepOutput] = jax.jvp(plain, primals, tangents)
         return both
 
     return decide
@@ -192,13 +192,13 @@ def _vmappable(step: TracedStep) -> Decide:
 
     @custom_vmap
     @jax.jit
-    def decide(timing: Timing, games: Games, given: Decision) -> Outcome:
+    def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
         return rowwise(partial(_decide, step, in_one_function), (timing, games), given)
 
     @decide.def_vmap
     def batched(
-        size: int, mapped: Sequence[object], timing: Timing, games: Games, given: Decision
-    ) -> tuple[Outcome, Outcome]:
+        size: int, mapped: Sequence[object], timing: Timing, games: Games, given: StepInput
+    ) -> tuple[StepOutput, StepOutput]:
         if any(jax.tree.leaves(mapped[0])):
             raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
 
@@ -214,21 +214,26 @@ def _vmappable(step: TracedStep) -> Decide:
             first = games.topology_id.shape[1] * jnp.arange(size, dtype=jnp.int32)
             given = given._replace(first_game=given.first_game + first[:, None])
             games = jax.tree.map(without_axis, games)
+        each = given.next_game.shape[1]
         out = decide(timing, games, jax.tree.map(without_axis, given))
-        out = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), out)
+        out = jax.tree.map(lambda leaf: leaf.reshape(size, each, *leaf.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return decide
 
 
-def _decide(step: TracedStep, call: Callable[..., Outcome], shared: tuple[Timing, Games], given: Decision) -> Outcome:
+def _decide(
+    step: TracedStep, call: Callable[..., StepOutput], shared: tuple[Timing, Games], given: StepInput
+) -> StepOutput:
     """Do what `TracedStep.decide` says; call(work, *arguments) returns what work(*arguments) does."""
     (timing, games), size = shared, given.next_game.shape[0]
+    if not size:
+        return step.blank(0)
     lanes, is_single = min(size, traced_lanes()), games.topology_id.shape[0] == 1
 
     def play(
-        topology: Topology, timing: Timing, games: Games, given: Decision, out: Outcome, first: jax.Array
-    ) -> Outcome:
+        topology: Topology, timing: Timing, games: Games, given: StepInput, out: StepOutput, first: jax.Array
+    ) -> StepOutput:
         """Play worlds of one topology, one a row, and write what they leave into `out`, from row `first` on."""
 
         def rows_of(table: jax.Array, game: jax.Array) -> jax.Array:
@@ -246,7 +251,7 @@ def _decide(step: TracedStep, call: Callable[..., Outcome], shared: tuple[Timing
         own = [partial(call, branch, timing, games) for branch in branches]
         return run_sorted(own, lanes, games.topology_id[given.row], given, step.blank(size))
 
-    def run(timing: Timing, games: Games, given: Decision) -> Outcome:
+    def run(timing: Timing, games: Games, given: StepInput) -> StepOutput:
         return run_slices(partial(branches[0], timing, games), lanes, given, step.blank(size))
 
     # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.

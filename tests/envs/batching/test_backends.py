@@ -134,6 +134,9 @@ def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> Non
         assert one_game[0].games == 1
         with jax.disable_jit(backend == "host"):
             assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
+        none = jax.vmap(play, in_axes=(0, 0, None))(games[:0], actions[:0], params)
+        for one, other in zip(jax.tree.leaves(none), jax.tree.leaves(expected), strict=True):
+            assert one.shape == (0, *other.shape[1:])
 
 
 @pytest.mark.slow
