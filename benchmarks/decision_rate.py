@@ -27,9 +27,10 @@ class DecisionRate:
         steps: physics steps made, by variant.
         same_steps: share of the worlds that end with the same step on the fly and in plain simulation.
         seconds: wall-clock and processor seconds of each repeat by variant: "simulate"; "scan" (a user's scan over
-            `env.step` with autoreset); "reads" (`unroll` with a policy that reads its observations); "keeps" (the
-            observations are returned too).
-        compiled: s to compile the program of "scan" when the engine's own programs exist.
+            `env.step` with autoreset); "xla" and "spread" (the same with `backend="xla"`, on one CPU device and on one
+            for each core); "reads" (`unroll` with a policy that reads its observations); "keeps" (the observations are
+            returned too).
+        compiled: s to compile the program of "scan", "xla" and "spread" when the engine's own programs exist.
     """
 
     workload: str
@@ -38,7 +39,7 @@ class DecisionRate:
     steps: dict[str, int]
     same_steps: float
     seconds: dict[str, list[tuple[float, float]]]
-    compiled: float
+    compiled: dict[str, float]
 
     def rate(self, name: str, clock: int) -> float:
         """Median of the steps a second of a variant, by wall clock (0) or processor time (1)."""

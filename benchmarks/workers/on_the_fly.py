@@ -2,11 +2,13 @@
 
 A random policy plays whole episodes in every world. `simulate_many` then plays the plans that result from its actions,
 so both make the same physics steps. The policy reads each observation as a weighted sum; otherwise the compiler could
-leave the observations out. A second policy also returns them. A third variant is a user's own loop: a `lax.scan` over
-`jax.vmap(env.step)` with autoreset and with given actions and keys.
+leave the observations out. A second policy also returns them. The other variants are a user's own loop: a `lax.scan`
+over `jax.vmap(env.step)` with autoreset and with given actions and keys: by the host, with `backend="xla"` on one
+device, and so on as many CPU devices as there are cores.
 """
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -16,10 +18,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 import iphyre_jax
 from iphyre_jax.envs import Batch, Environment, EnvParams, EnvState, Steps, unroll
+from iphyre_jax.envs.core import BackendName
 from iphyre_jax.envs.protocols import PROTOCOLS
+from iphyre_jax.execution.configuration import usable_cores
 
 CHANCE = 0.06  # of a click at a slot, at each decision
 
@@ -67,6 +72,7 @@ def timed(variant: Callable[[], object]) -> tuple[float, float]:
 
 def main(fps: int, worlds: int, repeats: int, games: list[str]) -> None:
     """Measure all variants in turns and print one line of JSON."""
+    iphyre_jax.configure(devices=math.gcd(worlds, usable_cores()))  # as many threads as by default
     protocol = next(protocol for protocol in PROTOCOLS.values() if protocol.fps == fps)
     iphyre_jax.register("measured-v1", games)
     env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name, autoreset=False)
@@ -76,29 +82,49 @@ def main(fps: int, worlds: int, repeats: int, games: list[str]) -> None:
     _, steps = play(env, reads, weights, batch, key)
     plan, end_step = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
     simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)
-    autoreset, _ = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol.name)
-    keys = jax.random.split(key, (env.strategy.decisions, worlds))
-    begin = time.perf_counter()
-    scan.lower(autoreset, params, batch.state, keys, steps.action).compile()
-    compiled = time.perf_counter() - begin
+    loops, compiled = user_loops(protocol.name, batch, jax.random.key(1), steps.action)
     variants: dict[str, Callable[[], object]] = {
         "simulate": simulate,
-        "scan": lambda: scan(autoreset, params, batch.state, keys, steps.action),
+        **loops,
         "reads": lambda: play(env, reads, weights, batch, key),
         "keeps": lambda: play(env, keeps, weights, batch, key),
     }
     same = float((simulate().steps == end_step).mean())
-    clock, ended, _ = map(np.asarray, scan(autoreset, params, batch.state, keys, steps.action)[1])
     variants["keeps"]()
-    since = np.where(ended[:-1], 0, clock[:-1])
     count = dict.fromkeys(variants, int(end_step.sum()))
-    count["scan"] = int(np.rint((clock.sum() - since.sum()) * fps))
+    for name, loop in loops.items():
+        clock, ended, _ = map(np.asarray, loop()[1])
+        since = np.where(ended[:-1], 0, clock[:-1])
+        count[name] = int(np.rint((clock.sum() - since.sum()) * fps))
     seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in variants}
     for _ in range(repeats):
         for name, variant in variants.items():
             seconds[name].append(timed(variant))
     found = {"steps": count, "same_steps": same, "seconds": seconds, "compiled": compiled}
     print(json.dumps(found), flush=True)
+
+
+def user_loops(
+    protocol: str, batch: Batch, key: jax.Array, actions: jax.Array
+) -> tuple[dict[str, Callable[[], Any]], dict[str, float]]:
+    """A user's loop by backend, and the seconds that its program takes to compile, the host's own programs apart."""
+    loops: dict[str, Callable[[], Any]] = {}
+    compiled = {}
+    keys = jax.random.split(key, actions.shape)
+    mesh = jax.make_mesh((jax.device_count(),), ("worlds",), axis_types=(AxisType.Auto,))
+    rows, columns, whole = (NamedSharding(mesh, PartitionSpec(*axes)) for axes in (["worlds"], [None, "worlds"], []))
+    for name in ("scan", "xla", "spread"):
+        backend: BackendName = "host" if name == "scan" else "xla"
+        env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol, backend=backend)
+        state = Batch.of(env, params, np.asarray(batch.game)).state
+        given = params, state, keys, actions
+        if name == "spread":
+            given = tuple(map(jax.device_put, given, (whole, rows, columns, columns)))
+        begin = time.perf_counter()
+        program = scan.lower(env, *given).compile()
+        compiled[name] = time.perf_counter() - begin
+        loops[name] = partial(program, *given)
+    return loops, compiled
 
 
 if __name__ == "__main__":

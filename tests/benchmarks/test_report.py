@@ -38,8 +38,9 @@ def results() -> report.Results:
     ]
     found.scaling_size = [scaling.SizeScaling("objects", 3, measurement(FLOAT32, "shelf", (1.0,)))]
     repeats = {"simulate": [(1.0, 2.0)] * 2, "reads": [(1.0, 2.5)] * 2, "keeps": [(4.0, 8.0)] * 2}
-    repeats["scan"] = [(2.0, 4.0)] * 2
-    found.decisions = [DecisionRate("hole", 10, 1024, dict.fromkeys(repeats, 2_000_000), 1.0, repeats, 0.8)]
+    repeats |= {"scan": [(2.0, 4.0)] * 2, "xla": [(1.25, 2.0)] * 2, "spread": [(0.5, 1.0)] * 2}
+    compiled = {"scan": 0.1, "xla": 3.0, "spread": 4.0}
+    found.decisions = [DecisionRate("hole", 10, 1024, dict.fromkeys(repeats, 2_000_000), 1.0, repeats, compiled)]
     found.bytes_a_world = {"hole": {dtype: scaling.carried_bytes("hole", dtype) for dtype in ("float32", "float64")}}
     return found
 
@@ -69,7 +70,8 @@ def test_tables_show_ratios_repeat_by_repeat(results: report.Results) -> None:
     ours = next(line for line in shown.splitlines() if line.split()[:2] == ["iphyre_jax", "float32"])
     assert ours.split()[2:7] == ["0.0167", "0.01", "-", "0.02", "10"]  # median of 10, 4 and 10
     decisions = next(line for line in shown.splitlines() if line.split()[:2] == ["hole", "2"])
-    assert decisions.split()[2:11] == ["1", "0.50", "0.50", "2", "1.00", "0.80", "0.5", "0.25", "0.25"]
+    rates = ["1", "0.50", "1.6", "0.80", "4", "2.00", "2", "1.00", "0.5", "0.25"]
+    assert decisions.split()[2:] == [*rates, "100.0", "%", "0.1/3.0"]
     assert "Jax2D is not measured: no network" in shown
     assert ["64", "0.001", "0.002", "2.00", "5e+05", "0"] in [line.split() for line in shown.splitlines()]
     assert ["objects", "3", "0.001", "1e+06"] in [line.split() for line in shown.splitlines()]
