@@ -27,9 +27,9 @@ class DecisionRate:
         steps: physics steps made, by variant.
         same_steps: share of the worlds that end with the same step on the fly and in plain simulation.
         seconds: wall-clock and processor seconds of each repeat by variant: "simulate"; "scan" (a user's scan over
-            `env.step` with autoreset); "xla" and "spread" (the same with `backend="xla"`, on one CPU device and on one
-            for each core); "reads" (`unroll` with a policy that reads its observations); "keeps" (the observations are
-            returned too).
+            `env.step` with autoreset); "xla" and "spread" (the same with `backend="xla"`, on one CPU device and on
+            several, as many as there are cores); "reads" (`unroll` with a policy that reads its observations); "keeps"
+            (the observations are returned too).
         compiled: s to compile the program of "scan", "xla" and "spread" when the engine's own programs exist.
     """
 
@@ -41,15 +41,15 @@ class DecisionRate:
     seconds: dict[str, list[tuple[float, float]]]
     compiled: dict[str, float]
 
-    def rate(self, name: str, clock: int) -> float:
-        """Median of the steps a second of a variant, by wall clock (0) or processor time (1)."""
-        return median(self.steps[name] / repeat[clock] for repeat in self.seconds[name])
+    def rate(self, name: str) -> float:
+        """Median of the steps a second of a variant, by the wall clock."""
+        return median(self.steps[name] / wall for wall, _ in self.seconds[name])
 
-    def share(self, name: str, clock: int) -> float:
-        """Median over the repeats of a variant's speed as a share of plain simulation's."""
+    def share(self, name: str) -> float:
+        """Median over the repeats of a variant's speed as a share of plain simulation's, by the wall clock."""
         pairs = zip(self.seconds["simulate"], self.seconds[name], strict=True)
         more = self.steps[name] / self.steps["simulate"]
-        return more * median(plain[clock] / repeat[clock] for plain, repeat in pairs)
+        return more * median(plain[0] / repeat[0] for plain, repeat in pairs)
 
 
 def measure_decisions(

@@ -229,9 +229,9 @@ def decision_table(found: Sequence[DecisionRate], fps: int) -> Table:
     heads = [f"{name} {unit}" for name in variants for unit in ("M/s", "share")]
     grid = table(title, "games", "simulate", *heads, "same step", "compile s")
     for one in found:
-        cells = [one.workload, millions(one.rate("simulate", 0))]
+        cells = [one.workload, millions(one.rate("simulate"))]
         for name in variants:
-            cells += [millions(one.rate(name, 0)), f"{one.share(name, 0):.2f}"]
+            cells += [millions(one.rate(name)), f"{one.share(name):.2f}"]
         compiled = "/".join(f"{one.compiled[name]:.1f}" for name in ("scan", "xla"))
         grid.add_row(*cells, f"{100 * one.same_steps:.1f} %", compiled)
     return grid

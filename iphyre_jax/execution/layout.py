@@ -105,17 +105,11 @@ class Layout:
 
     def unpack(self, table: jax.Array) -> Any:  # noqa: ANN401 - a tree of the layout's structure
         """Return the tree of a table (rows, lanes), lanes behind each array's own axes; traced."""
-        leaves = []
-        for start, shape, dtype in zip(self.starts, self.shapes, self.dtypes, strict=True):
-            part = table[start : start + math.prod(shape)].reshape(*shape, table.shape[-1])
-            if dtype == self.dtype:
-                leaves.append(jax.lax.bitcast_convert_type(part, dtype))
-            else:
-                leaves.append(part != 0 if dtype == "bool" else part.astype(dtype))
-        return self.structure.unflatten(leaves)
+        numbers = jax.lax.bitcast_convert_type(table[self.whole_rows : self.rows], self.dtype)
+        return self.join(Parts(table[: self.whole_rows], numbers))
 
     def join(self, parts: Parts) -> Any:  # noqa: ANN401 - a tree of the layout's structure
-        """Undo `parts`; further rows behind them do not matter; traced."""
+        """Return the tree of two parts, lanes behind each array's own axes; further rows do not matter; traced."""
         leaves = []
         for start, shape, dtype in zip(self.starts, self.shapes, self.dtypes, strict=True):
             if dtype == self.dtype:
@@ -152,13 +146,11 @@ def write_transposed(table: jax.Array, out: jax.Array, first: jax.Array, column:
     """Return `out`, one world a row, with a table (rows, lanes) written into it; traced.
 
     Args:
-        table: its rows go into columns; or one number a lane, (lanes,).
-        out: (worlds, columns), or (worlds,). Into words go the bits of floating-point numbers.
+        table: its rows go into columns.
+        out: (worlds, columns). Into words go the bits of floating-point numbers.
         first: () int32, first row to write.
         column: first column to write.
     """
-    if table.ndim == 1:
-        return jax.lax.dynamic_update_slice(out, table, (first,))
     for start in range(0, table.shape[0], BLOCK):
         part = table[start : start + BLOCK].T
         if jnp.issubdtype(part.dtype, jnp.floating) and not jnp.issubdtype(out.dtype, jnp.floating):

@@ -21,15 +21,15 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa
     Otherwise a CPU runs a kernel for each fused operation, one after the other, and a physics step has some hundred.
 
     Args:
-        work: returns a tree of arrays. It has no sort, scatter, call of the host or exchange between devices, which XLA
-            cannot compile into a function, and is neither batched nor differentiated.
+        work: returns a tree of arrays. It has no sort, call of the host or exchange between devices, and no scatter but
+            of one row: XLA refuses to compile them into a function. It is neither batched nor differentiated.
         arguments: trees of arrays.
     """
     if jax.default_backend() != "cpu":
         return work(*arguments)
     leaves: list[jax.Array]
     leaves, structure = jax.tree.flatten(arguments)
-    filled = [leaf for leaf in leaves if leaf.size]
+    filled = [leaf for leaf in leaves if leaf.size]  # an array without numbers cannot be used, see below
 
     def call(*filled: jax.Array) -> tuple[jax.Array, Tree]:
         given = iter(filled)
@@ -39,14 +39,15 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa
         return used, work(*jax.tree.unflatten(structure, every))
 
     used, result = jax.jit(call)(*filled)
-    first, *others = jax.tree.leaves(result)
+    first, *others = jax.tree.leaves(result)  # the mark of one result is that of the call
     marked = [set_xla_metadata(first, **ATTRIBUTES), *others]
+    # The barrier keeps `used`, which JAX would drop.
     _, result = jax.lax.optimization_barrier((used, jax.tree.unflatten(jax.tree.structure(result), marked)))
     return result
 
 
 def in_branch(always: jax.Array, work: Callable[[], Tree]) -> Tree:
-    """Return work(), computed in a branch; traced.
+    """Return work(), on a CPU computed in a branch; traced.
 
     So its results are there before anything that needs them. Otherwise a CPU's compiler computes what they share anew
     for each number of each of them; an optimization barrier does not keep it from that.
@@ -55,6 +56,8 @@ def in_branch(always: jax.Array, work: Callable[[], Tree]) -> Tree:
         always: () bool, True, which the compiler must not know.
         work: returns a tree of arrays.
     """
+    if jax.default_backend() != "cpu":
+        return work()
     work = jax.jit(work)  # traced once, not for its shapes too
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(work))
     return jax.lax.cond(always, work, lambda: blank)

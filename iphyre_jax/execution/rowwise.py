@@ -31,7 +31,9 @@ def rowwise(work: Callable[[Shared, Rows], Results], shared: Shared, rows: Rows)
         return jax.tree.map(lambda _: sharding, tree)
 
     def partition(mesh: Mesh, given: tuple[Any, Any], results: Any) -> tuple[Any, ...]:  # noqa: ANN401
-        over = jax.tree.leaves(given[1])[0].sharding.spec[:1]
+        sharding = jax.tree.leaves(given[1])[0].sharding
+        # Without a spec, as under a partly manual `shard_map`, every device does all rows.
+        over = sharding.spec[:1] if isinstance(sharding, NamedSharding) else ()
         whole, own = NamedSharding(mesh, PartitionSpec()), NamedSharding(mesh, PartitionSpec(*over))
         return mesh, work, placed(results, own), (placed(given[0], whole), placed(given[1], own))
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 
 from iphyre_jax.physics.types import Timing, Topology, World
-from iphyre_jax.rollouts import EpisodeState, episode_step, removal_steps, reset_episode
+from iphyre_jax.rollouts import EpisodeState, episode_step, removal_steps
 
 
 @jax.tree_util.register_dataclass
@@ -20,12 +19,6 @@ class PlayRequest:
     game: jax.Array  # () int32, row of the parameters
     plan: jax.Array  # (slots,) int32, the 0-based step before which each block goes; it stays at -1 or a past step
     stop_step: jax.Array  # () int32, play until so many steps are made or the episode is done
-
-
-@partial(jax.jit, static_argnums=0)
-def initial_episode(topology: Topology, world: World) -> EpisodeState:
-    """Return the episode of one world of a topology before its first step."""
-    return reset_episode(topology, world, jnp.zeros((), bool))
 
 
 def run_requests(

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-# From arrays of a group, one world a row, and an array for results and its first row for them, to the latter.
+# branch(given, out, first) plays `given`, one world a row, and returns `out` with the results from row `first` on.
 Branch = Callable[[Any, Any, jax.Array], Any]
 
 
@@ -66,9 +66,7 @@ class _Groups:
     @classmethod
     def of(cls, topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
         """Return the groups of worlds with given topologies, (B,)."""
-        order = jnp.arange(topology_id.shape[0], dtype=jnp.int32)
-        if topologies > 1:
-            order = jnp.argsort(topology_id, stable=True).astype(jnp.int32)
+        order = jnp.argsort(topology_id, stable=True).astype(jnp.int32)
         size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
         total = jnp.cumsum(size, dtype=jnp.int32)
         return cls(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)

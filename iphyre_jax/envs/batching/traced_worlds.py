@@ -35,7 +35,7 @@ class TracedParams(EnvParams):
     """Games as arrays, padded to the largest."""
 
     table: Games
-    features: Features  # of each game
+    features: Features  # of each game, as in `table.scenes`; for what is not asked in lanes, as pictures
 
     @property
     def topology_id(self) -> jax.Array:

@@ -227,7 +227,7 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
 def test_where_nothing_can_be_kept_programs_are_compiled_elsewhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a compiler process, as fast as ever: in this process steps would take 40 times as long."""
+    """By a compiler process, as fast as ever: in this process steps would take 8 times as long."""
     seen: list[Path] = []
 
     def compile_all(jobs: list[compiler.Job], show: object) -> None:
