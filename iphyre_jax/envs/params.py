@@ -8,14 +8,18 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
+import numpy.typing as npt
 
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.observations.features import Features, Pose
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.observations.features import Features, Pose, present_objects
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.shared_topologies import can_play, with_absent
 from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
 
 
@@ -131,5 +135,27 @@ class Worlds(ABC):
         """Return the observation of an episode, except images."""
 
     @abstractmethod
+    def bodies(self, params: Any, state: Any) -> jax.Array:  # noqa: ANN401
+        """Return x, y, angle, velocity x and y, and angular velocity of the moving bodies, (6, bodies)."""
+
+    def body_rows(self, bodies: int) -> npt.NDArray[np.int32]:
+        """Return the rows of `episode_layout` that hold the numbers of `bodies`, (topologies, 6, bodies).
+
+        A body that a smaller topology lacks has the row of the first one; nobody sees it.
+        """
+        tables = []
+        for topology in self.topologies:
+            state = episode_layout(topology, self.dtype).first_rows().state
+            velocity = state.motion.velocity
+            starts = [state.position.x, state.position.y, state.angle, velocity.x, velocity.y]
+            own = np.arange(bodies) * (np.arange(bodies) < topology.moving)
+            tables.append(np.array([*starts, state.motion.angular_velocity])[:, None] + own)
+        return np.array(tables, np.int32)
+
     def pose(self, params: Any, state: Any) -> tuple[Features, Pose]:  # noqa: ANN401
         """Return what a picture of an episode needs."""
+        features: Features = jax.tree.map(lambda leaf: leaf[state.game], params.features)
+        status = self.status(params, state)
+        x, y, angle, *_ = self.bodies(params, state)
+        sound = status.fault != FAULT_NOT_FINITE
+        return features, Pose(x, y, angle, present_objects(features, status.present), sound)

@@ -25,6 +25,7 @@ def rowwise(work: Callable[[Shared, Rows], Results], shared: Shared, rows: Rows)
         shared: a tree of arrays.
         rows: a tree of arrays with one axis of rows in front, as its results have.
     """
+    work = jax.jit(work)  # traced once, not for its shapes too
     spread = custom_partitioning(work)
 
     def placed(tree: Any, sharding: NamedSharding) -> Any:  # noqa: ANN401 - any tree

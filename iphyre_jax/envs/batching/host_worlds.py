@@ -28,12 +28,10 @@ from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
-from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
+from iphyre_jax.observations.features import Features, own_features, scene_tables
 from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.shared_topologies import without_absent
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Scene
 
 HOSTS_CACHED: Final = 64  # sets of topologies; JAX's programs keep their own
@@ -151,24 +149,10 @@ class HostWorlds(Worlds):
         never, none = jnp.full(self.limits.blocks, -1, jnp.int32), jnp.full_like(status.game, -1)
         return self.step(params, state, never, status.step, status.executed, none).obs
 
-    def pose(self, params: HostParams, state: HostState) -> tuple[Features, Pose]:
-        """Return what a picture of an episode needs."""
-        features = jax.tree.map(lambda leaf: leaf[state.game], params.features)
-        status, bodies = self.status(params, state), features.mover.shape[0]
-        pose_words = jnp.asarray([self._pose_words(topology, bodies) for topology in self.topologies])
-        # Word 0 stands for a body that a smaller topology lacks; no picture shows it.
-        words = state.words[pose_words[params.topology_id[state.game]]]
-        numbers = jax.lax.bitcast_convert_type(words, self.dtype)
-        x, y, angle = numbers.reshape(3, bodies)
-        sound = status.fault != FAULT_NOT_FINITE
-        return features, Pose(x, y, angle, present_objects(features, status.present), sound)
-
-    def _pose_words(self, topology: Topology, bodies: int) -> list[int]:
-        """Return the words of an episode that hold x, y and angle of each moving body."""
-        state, first = episode_layout(topology, self.dtype).first_rows().state, status_words(self.limits.blocks)
-        missing = [0] * (bodies - topology.moving)
-        starts = (first + row for row in (state.position.x, state.position.y, state.angle))
-        return [word for start in starts for word in [*range(start, start + topology.moving), *missing]]
+    def bodies(self, params: HostParams, state: HostState) -> jax.Array:
+        """Return the numbers of the moving bodies; see `params.Worlds`."""
+        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]) + status_words(self.limits.blocks))
+        return jax.lax.bitcast_convert_type(state.words[rows[params.topology_id[state.game]]], self.dtype)
 
     def _call(
         self,

@@ -95,8 +95,7 @@ class TracedStep:
 
     def scene_layout(self, topology: Topology) -> Layout:
         """Return the layout of a scene: what an observation needs, and its world."""
-        shapes = feature_shapes((topology,), self.limits, self.dtype), World.shapes(topology, self.dtype)
-        return Layout.of(shapes, self.dtype)
+        return _scene_layout(topology, self.limits, self.dtype)
 
     def start(self, topology: Topology, scene: Parts) -> Episode:
         """Return episodes of scenes before their first step, lanes behind; their game is 0."""
@@ -166,6 +165,11 @@ class TracedStep:
             given: one world a row.
         """
         return _differentiable(self)(timing, games, given)
+
+
+@lru_cache(1024)
+def _scene_layout(topology: Topology, limits: Limits, dtype: str) -> Layout:
+    return Layout.of((feature_shapes((topology,), limits, dtype), World.shapes(topology, dtype)), dtype)
 
 
 Decide = Callable[[Timing, Games, StepInput], StepOutput]

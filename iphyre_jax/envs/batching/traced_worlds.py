@@ -17,12 +17,11 @@ from iphyre_jax.envs.batching.traced_step import Episode, Games, StepInput, Trac
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution.layout import Parts
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, Pose, own_features, present_objects, scene_tables
+from iphyre_jax.observations.features import Features, own_features, scene_tables
 from iphyre_jax.observations.vectors import obs_inputs, observe
 from iphyre_jax.physics.shared_topologies import without_absent
 from iphyre_jax.physics.types import Motion, Topology, World
 from iphyre_jax.physics.vector import Vec
-from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
 
@@ -136,25 +135,16 @@ class TracedWorlds(Worlds):
         """Return the observation of an episode."""
         step, steps = self.status(params, state).step, jnp.asarray(self.protocol.steps)
         features, pose = self.pose(params, state)
-        _, velocity, angular_velocity = self._bodies(params, state)
+        *_, x, y, angular_velocity = self.bodies(params, state)
         still = jnp.zeros_like(angular_velocity)
-        bodies = Motion(velocity, angular_velocity, Vec(still, still), still)
-        return observe(features, obs_inputs(self.observation, features, pose, bodies, step, steps), no_op=self.no_op)
+        motion = Motion(Vec(x, y), angular_velocity, Vec(still, still), still)
+        return observe(features, obs_inputs(self.observation, features, pose, motion, step, steps), no_op=self.no_op)
 
-    def pose(self, params: TracedParams, state: TracedState) -> tuple[Features, Pose]:
-        """Return what a picture of an episode needs."""
-        features = jax.tree.map(lambda leaf: leaf[state.game], params.features)
-        status = self.status(params, state)
-        (x, y, angle), _, _ = self._bodies(params, state)
-        sound = status.fault != FAULT_NOT_FINITE
-        return features, Pose(x, y, angle, present_objects(features, status.present), sound)
-
-    def _bodies(self, params: TracedParams, state: TracedState) -> tuple[tuple[jax.Array, ...], Vec, jax.Array]:
-        """Return x, y and angle, velocity and angular velocity of the moving bodies, padded to the largest."""
-        bodies = params.features.mover.shape[-1]
-        rows = jnp.asarray([_body_rows(topology, self.dtype, bodies) for topology in self.topologies])
-        x, y, angle, *velocity, angular = state.parts.numbers[rows[params.topology_id[state.game]]].reshape(-1, bodies)
-        return (x, y, angle), Vec(*velocity), angular
+    def bodies(self, params: TracedParams, state: TracedState) -> jax.Array:
+        """Return the numbers of the moving bodies; see `params.Worlds`."""
+        whole = np.array([episode_layout(topology, self.dtype).whole_rows for topology in self.topologies])
+        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]) - whole[:, None, None])
+        return state.parts.numbers[rows[params.topology_id[state.game]]]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -162,18 +152,6 @@ def _start(step: TracedStep, topology_id: int, scene: Parts) -> Episode:
     """Return the episode of a packed scene before its first step."""
     start = step.start(step.topologies[topology_id], jax.tree.map(lambda rows: rows[:, None], scene))
     return jax.tree.map(lambda rows: rows[:, 0], start)
-
-
-def _body_rows(topology: Topology, dtype: str, bodies: int) -> list[int]:
-    """Return the rows of an episode's numbers that hold x, y, angle and velocities of each moving body."""
-    layout = episode_layout(topology, dtype)
-    state = layout.first_rows().state
-    position, motion = state.position, state.motion
-    starts = position.x, position.y, state.angle, motion.velocity.x, motion.velocity.y, motion.angular_velocity
-    # Row 0 stands for a body that a smaller topology lacks; nobody sees it.
-    missing = [0] * (bodies - topology.moving)
-    own = [range(start - layout.whole_rows, start - layout.whole_rows + topology.moving) for start in starts]
-    return [row for rows in own for row in [*rows, *missing]]
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
