@@ -7,17 +7,21 @@ for every lane (or chooses among the stacked parts there), and does not vectoris
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental.xla_metadata import set_xla_metadata
 
 Tree = TypeVar("Tree")
 Carry = TypeVar("Carry")
 
 WORD = 32  # flags a machine word
+# XLA's option to compute several results in one loop. Our compiler processes have it (`execution/compilation/options`).
+_ONE_LOOP: Final = "xla_cpu_use_multi_output_fusion=true" in os.environ.get("XLA_FLAGS", "")
 
 
 def read(tables: Tree, row: jax.Array) -> Tree:
@@ -34,6 +38,24 @@ def write(tables: Tree, row: jax.Array, values: Tree) -> Tree:
 def stack(rows: Sequence[jax.Array], axis: int = 0) -> jax.Array:
     """Stack arrays of one shape."""
     return jax.lax.optimization_barrier(jnp.stack(rows, axis))
+
+
+def materialize(work: Callable[[], Tree]) -> Tree:
+    """Return work(), all of its results in memory before anything reads one of them; traced.
+
+    On a CPU XLA makes a loop for each result. What results share, it computes in each of the loops, and again where a
+    result is read. A call that XLA must not inline ends that. In our compiler processes XLA has a loop for several
+    results, and calls would cost up to a quarter.
+
+    Args:
+        work: returns a tree of arrays, of which the first is computed here, not handed through.
+    """
+    if _ONE_LOOP or jax.default_backend() != "cpu":
+        return work()
+    result: Tree = jax.jit(work)()
+    first, *others = jax.tree.leaves(result)  # the mark of one result is that of the call
+    marked = [set_xla_metadata(first, inlineable="false"), *others]
+    return jax.tree.unflatten(jax.tree.structure(result), marked)
 
 
 def visit(tables: Tree, count: jax.Array, body: Callable[[jax.Array, Tree, Carry], Carry], carry: Carry) -> Carry:

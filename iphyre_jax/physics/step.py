@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.checks import show
-from iphyre_jax.physics import joints, solver
+from iphyre_jax.physics import joints, lanes, solver
 from iphyre_jax.physics.collision import broad_phase, contacts, shapes
 from iphyre_jax.physics.types import (
     Box,
@@ -137,7 +137,7 @@ def step_with_stages(topology: Topology, world: World, timing: Timing, state: St
     masses and bounce see velocities before springs and gravity; cached impulses come after both.
     """
     state = integrate_positions(state, timing)
-    shape = shapes.world_shapes(topology, world, state)
+    shape = lanes.materialize(lambda: shapes.world_shapes(topology, world, state))
     boxes = shapes.moving_boxes(topology, shape)
     broad = broad_phase.update(topology, world, state.broad, boxes, state.motion.velocity, state.step)
     table, num_touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -120,8 +121,8 @@ def _move_leaves(
         me = index == jnp.expand_dims(lanes.read(world.leaf_order, q), 0)
         moved = jnp.any(me & outside, axis=0, keepdims=True)
         boxes = jax.tree.map(lambda new, old: jnp.where(me & moved, new, old), fat, boxes)
-        removed = _remove(n, me, path, depth)
-        new_path, new_depth = _insert(n, me, boxes, *removed)
+        removed = lanes.materialize(lambda: _remove(n, me, path, depth))
+        new_path, new_depth = lanes.materialize(lambda: _insert(n, me, boxes, *removed))
         return boxes, jnp.where(moved, new_path, path), jnp.where(moved, new_depth, depth)
 
     _, path, depth = jax.lax.fori_loop(0, n, move, (broad.fat, broad.path, broad.depth))
@@ -155,7 +156,7 @@ def _insert(n: int, me: jax.Array, boxes: Box, path: jax.Array, depth: jax.Array
     for level in range(bits - 1):  # the last level never holds two candidates
         open_ = jnp.sum(inside, axis=0, keepdims=True, dtype=jnp.int32) > 1
         bit = ((path >> (bits - 1 - level)) & 1) == 1
-        second = _goes_second(inside & ~bit, inside & bit, boxes, mine)
+        second = lanes.materialize(partial(_goes_second, inside & ~bit, inside & bit, boxes, mine))
         my_path = jnp.where(open_ & second, my_path | (1 << (bits - 1 - level)), my_path)
         my_depth = jnp.where(open_, level + 1, my_depth)
         inside = jnp.where(open_, inside & (bit == second), inside)
@@ -201,6 +202,7 @@ def _proximity(a: Box, b: Box) -> jax.Array:
     return jnp.abs(a.left + a.right - b.left - b.right) + jnp.abs(a.top + a.bottom - b.top - b.bottom)
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class OrderKeys:
     """Order keys: of two touching pairs of a world, the one with the lower key is solved first. Keys are even."""

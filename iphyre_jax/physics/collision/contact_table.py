@@ -41,6 +41,14 @@ class ContactPoint:
     separation: jax.Array  # px along the normal, negative when overlapping
 
 
+def point_numbers(frame: ContactFrame, point: ManifoldPoint) -> list[jax.Array]:
+    """Return the numbers of a point in a table, as `tables.POINT_NORMAL` and those after it."""
+    arm_first, arm_second = point.on_first - frame.first, point.on_second - frame.second
+    separation = dot((arm_second - arm_first) + frame.apart, point.normal)
+    vectors = (point.normal, arm_first, arm_second)
+    return [*(part for vec in vectors for part in (vec.x, vec.y)), separation]
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ContactTable:
@@ -73,13 +81,9 @@ class ContactBuffer:
         whole = jnp.zeros((slots, *like.shape), jnp.int32)
         return cls(whole + KEY_NONE, whole - 1, (whole.astype(like.dtype),) * POINT_WIDTH, jnp.zeros_like(whole[0]))
 
-    def append(self, key: jax.Array, tag: jax.Array, frame: ContactFrame, point: ManifoldPoint) -> ContactBuffer:
+    def append(self, key: jax.Array, tag: jax.Array, numbers: list[jax.Array]) -> ContactBuffer:
         """Give a point the next free slot of its lane, unless its key is KEY_NONE; beyond the last only count it."""
         touching = key != KEY_NONE
-        arm_first, arm_second = point.on_first - frame.first, point.on_second - frame.second
-        separation = dot((arm_second - arm_first) + frame.apart, point.normal)
-        vectors = (point.normal, arm_first, arm_second)
-        numbers = [*(part for vec in vectors for part in (vec.x, vec.y)), separation]  # as `tables.POINT_NORMAL` on
         here = (lanes.iota(self.key.shape[0], key) == self.total[None]) & touching[None]
         old = (self.key, self.tag, *self.numbers)
         rows = [jnp.where(here, new[None], kept) for new, kept in zip((key, tag, *numbers), old, strict=True)]

@@ -24,6 +24,7 @@ from iphyre_jax.physics.collision.contact_table import (
     ContactBuffer,
     ContactFrame,
     ContactTable,
+    point_numbers,
 )
 from iphyre_jax.physics.collision.narrow_phase import ManifoldPoint, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.collision.shapes import Ball, Bar, Shapes
@@ -61,7 +62,7 @@ def collide(
     Returns:
         The points in solve order, (K,) rows; how many there are, () int32, which may exceed K; the new `gjk_start`.
     """
-    order = broad_phase.order(topology, world, broad)
+    order = lanes.materialize(lambda: broad_phase.order(topology, world, broad))
     found, none = ContactBuffer.empty(topology.slots, shape.balls[0, 0]), gjk_start[:0]
     for pair_type in (_ball_bar(topology, shape, order), _ball_ball(topology, shape, order)):
         if pair_type is not None:
@@ -202,11 +203,17 @@ def _visit(pair_type: PairType, found: ContactBuffer, gjk_start: jax.Array) -> t
         frame, points, end = pair_type.manifold(one, two, info, start)
         if start is not None and end is not None:
             gjk_start = lanes.write(gjk_start, candidate.pair, jnp.where(info[PAIR_KEY] == KEY_NONE, start, end))
-        for k, point in enumerate(points):
-            key = _key(info, k if pair_type.two_bars else None, point)
-            id_class = _id_class(info, point) if pair_type.two_bars else point.id
-            tag = candidate.tag + (id_class << 2 * BODY_BITS)
-            found = found.append(key, tag, frame, point)
+
+        def rows() -> list[tuple[jax.Array, jax.Array, list[jax.Array]]]:
+            out = []
+            for k, point in enumerate(points):
+                key = _key(info, k if pair_type.two_bars else None, point)
+                id_class = _id_class(info, point) if pair_type.two_bars else point.id
+                out.append((key, candidate.tag + (id_class << 2 * BODY_BITS), point_numbers(frame, point)))
+            return out
+
+        for row in lanes.materialize(rows):
+            found = found.append(*row)
         return *next_candidate(words), found, gjk_start
 
     start = next_candidate(lanes.any_lane(pair_type.info[:, PAIR_KEY] != KEY_NONE))

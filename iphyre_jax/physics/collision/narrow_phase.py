@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.physics import lanes
 from iphyre_jax.physics.collision import gjk
 from iphyre_jax.physics.collision.gjk import nearest
 from iphyre_jax.physics.constants import BAR_RADIUS
@@ -81,8 +82,7 @@ def segment_segment(
     if start is not None:
         normal, distance, side = gjk.separation(one, two, start)
         return _clip(one, two, normal, distance <= 2 * BAR_RADIUS, first_is_a), side
-    normal, distance = _separation(one, two)
-    crossing, collinear = _crossing(one, two)
+    (normal, distance), (crossing, collinear) = lanes.materialize(lambda: (_separation(one, two), _crossing(one, two)))
     normal, distance = _push_out(one, two, crossing, normal, distance)
     near = (distance <= 2 * BAR_RADIUS) & ~collinear & ((normal.x != 0) | (normal.y != 0))
     return _clip(one, two, normal, near, first_is_a), None
