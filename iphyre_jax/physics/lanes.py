@@ -21,7 +21,8 @@ Carry = TypeVar("Carry")
 
 WORD = 32  # flags a machine word
 # XLA's option to compute several results in one loop. Our compiler processes have it (`execution/compilation/options`).
-_ONE_LOOP: Final = "xla_cpu_use_multi_output_fusion=true" in os.environ.get("XLA_FLAGS", "")
+MULTI_OUTPUT_FUSION: Final = "xla_cpu_use_multi_output_fusion=true"
+_results_share_loops = MULTI_OUTPUT_FUSION in os.environ.get("XLA_FLAGS", "")
 
 
 def read(tables: Tree, row: jax.Array) -> Tree:
@@ -50,7 +51,7 @@ def materialize(work: Callable[[], Tree]) -> Tree:
     Args:
         work: returns a tree of arrays, of which the first is computed here, not handed through.
     """
-    if _ONE_LOOP or jax.default_backend() != "cpu":
+    if _results_share_loops or jax.default_backend() != "cpu":
         return work()
     result: Tree = jax.jit(work)()
     first, *others = jax.tree.leaves(result)  # the mark of one result is that of the call

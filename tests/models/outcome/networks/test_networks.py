@@ -83,17 +83,17 @@ def test_a_ranker_judges_plans_together_as_one_by_one_and_whatever_the_order_of_
     scenes, seen = inputs.scene_inputs(plays.scenes, config), inputs.examples(plays, config)
     net, rows = network(config), jnp.asarray(scenes.rows)
     each = (rows[plays.game], seen.plans, scenes, plays.game)
-    params = net.init(jax.random.key(0), *each)
-    one_by_one = net.apply(params, *each)
+    params, apply = jax.jit(net.init)(jax.random.key(0), *each), jax.jit(net.apply)
+    one_by_one = apply(params, *each)
     assert one_by_one.shape == (12, CLASSES)
     assert np.std(np.asarray(one_by_one)) > 0
     grouped = inputs.Plans(*(np.asarray(part).reshape(3, 4, 12) for part in seen.plans))
-    together = net.apply(params, rows, grouped, scenes, np.arange(3))
+    together = apply(params, rows, grouped, scenes, np.arange(3))
     np.testing.assert_allclose(np.asarray(together).reshape(12, CLASSES), one_by_one, rtol=1e-4, atol=1e-5)
     order = np.random.default_rng(0).permutation(12)
     moved = inputs.Plans(*(part[..., order] for part in grouped))
     np.testing.assert_allclose(
-        net.apply(params, rows[:, order], moved, scenes, np.arange(3)), together, rtol=1e-3, atol=1e-4
+        apply(params, rows[:, order], moved, scenes, np.arange(3)), together, rtol=1e-3, atol=1e-4
     )
 
 
