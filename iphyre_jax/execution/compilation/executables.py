@@ -33,7 +33,7 @@ from iphyre_jax.execution.programs import Program
 Run = Callable[..., Arrays]
 
 LOADED: Final = 96  # programs in memory, some 20 MB each; the least recently prepared goes first
-COST: Final = "steps may take 8 times as long"
+COST: Final = "steps may take 3 times as long"
 TELL_EVERY: Final = 60.0  # s of compilation, where there is no terminal
 SLOW: Final = "ten and more moving objects take minutes; configure(compile_timeout=...) sets a limit"
 

@@ -217,7 +217,7 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
         monkeypatch.setattr(executables, "options_for", lambda lanes: {"another": "key"})
     else:
         monkeypatch.setattr(executables, "options_for", lambda lanes: {"-no-such-option-of-llvm": "1"})
-    with pytest.warns(RuntimeWarning, match=f"without compiler options \\({NO_PROCESS[how]}.*8 times as long"):
+    with pytest.warns(RuntimeWarning, match=f"without compiler options \\({NO_PROCESS[how]}.*3 times as long"):
         played = simulate("hole", PLAN, fps=10, duration=1)
     np.testing.assert_array_equal(played.reward, expected.reward)
     np.testing.assert_array_equal(played.steps, expected.steps)
@@ -227,7 +227,7 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
 def test_where_nothing_can_be_kept_programs_are_compiled_elsewhere(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a compiler process, as fast as ever: in this process steps would take 8 times as long."""
+    """By a compiler process, as fast as ever: in this process steps would take 3 times as long."""
     seen: list[Path] = []
 
     def compile_all(jobs: list[compiler.Job], show: object) -> None:
