@@ -39,18 +39,18 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa
         return used, work(*jax.tree.unflatten(structure, every))
 
     used, result = jax.jit(call)(*filled)
-    first, *others = jax.tree.leaves(result)  # the mark of one result is that of the call
-    marked = [set_xla_metadata(first, **ATTRIBUTES), *others]
+    result = set_xla_metadata(result, **ATTRIBUTES)  # the mark of a result is that of the call
     # The barrier keeps `used`, which JAX would drop.
-    _, result = jax.lax.optimization_barrier((used, jax.tree.unflatten(jax.tree.structure(result), marked)))
+    _, result = jax.lax.optimization_barrier((used, result))
     return result
 
 
 def in_branch(always: jax.Array, work: Callable[[], Tree]) -> Tree:
     """Return work(), on a CPU computed in a branch; traced.
 
-    So its results are there before anything that needs them. Otherwise a CPU's compiler computes what they share anew
-    for each number of each of them; an optimization barrier does not keep it from that.
+    So its results are there before anything that needs them, with and without our compiler options, and in a program
+    that is spread over devices, where XLA inlines calls. Parts of a step have `physics.lanes.materialize`, which needs
+    no condition. An optimization barrier does not keep a CPU's compiler from computing what results share anew.
 
     Args:
         always: () bool, True, which the compiler must not know.

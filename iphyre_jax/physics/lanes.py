@@ -46,17 +46,15 @@ def materialize(work: Callable[[], Tree]) -> Tree:
 
     On a CPU XLA makes a loop for each result. What results share, it computes in each of the loops, and again where a
     result is read. A call that XLA must not inline ends that. In our compiler processes XLA has a loop for several
-    results, and calls would cost up to a quarter.
+    results, and calls would cost up to a third.
 
     Args:
-        work: returns a tree of arrays, of which the first is computed here, not handed through.
+        work: returns a tree of arrays. Outside of a traced function it is compiled at each call.
     """
     if _results_share_loops or jax.default_backend() != "cpu":
         return work()
-    result: Tree = jax.jit(work)()
-    first, *others = jax.tree.leaves(result)  # the mark of one result is that of the call
-    marked = [set_xla_metadata(first, inlineable="false"), *others]
-    return jax.tree.unflatten(jax.tree.structure(result), marked)
+    result: Tree = set_xla_metadata(jax.jit(work)(), inlineable="false")  # the mark of a result is that of the call
+    return result
 
 
 def visit(tables: Tree, count: jax.Array, body: Callable[[jax.Array, Tree, Carry], Carry], carry: Carry) -> Carry:

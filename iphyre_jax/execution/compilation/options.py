@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-# Names with "-" go to LLVM, those with "--" are separate flags. `physics/lanes.py` asks for the first; nothing else in
-# the project names an option.
+# Names with "-" go to LLVM, those with "--" are separate flags. `physics/lanes.py` looks whether the first is set;
+# nothing else in the project names an option.
 OPTIONS: Mapping[str, str] = {
     # One loop for several results, instead of one for each that repeats what they share.
     "xla_cpu_use_multi_output_fusion": "true",
