@@ -48,9 +48,9 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa
 def in_branch(always: jax.Array, work: Callable[[], Tree]) -> Tree:
     """Return work(), on a CPU computed in a branch; traced.
 
-    So its results are there before anything that needs them, with and without our compiler options, and in a program
-    that is spread over devices, where XLA inlines calls. Parts of a step have `physics.lanes.materialize`, which needs
-    no condition. An optimization barrier does not keep a CPU's compiler from computing what results share anew.
+    So its results are there before anything that needs them, also in our compiler processes. And if a program is spread
+    over devices, XLA does not inline the calls inside. Elsewhere `physics.lanes.materialize` does it, without a
+    condition. An optimization barrier does not keep a CPU's compiler from computing what results share anew.
 
     Args:
         always: () bool, True, which the compiler must not know.

@@ -27,6 +27,7 @@ from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.execution.rowwise import rowwise
 from iphyre_jax.observations.features import Features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
+from iphyre_jax.physics.lanes import materialize
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import EpisodeState, reset_episode
 from iphyre_jax.scenes import Limits
@@ -133,8 +134,7 @@ class TracedStep:
             now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
             return StepOutput(now, state.whole[:first], (final,) if self.keep_final else ())
 
-        always = timing.dt > 0
-        return in_branch(always, partial(left, *in_branch(always, played)))
+        return materialize(partial(left, *materialize(played)))
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""
