@@ -1,4 +1,4 @@
-"""Learning to play: configuration, networks, PPO, evaluation and run folders. Needs the extra `train`."""
+"""Learning to play: settings, networks, algorithms, evaluation and run folders. Needs the extra `train`."""
 
 from importlib.util import find_spec
 

@@ -1,4 +1,4 @@
-"""Plays that world models learn from: places and speeds of what moves, every 0.1 s, of the basic games alone.
+"""Plays that world models learn from: places and speeds of what moves, every 0.1 s, of basic games and variations.
 
 An instant is 0.1 s after the last one and begins one physics step after a tenth of a second: there most removals of the
 rule "simulate" fall. Speeds are differences of places one physics step apart, so what the solver calls the velocity.

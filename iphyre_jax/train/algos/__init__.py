@@ -1,1 +1,1 @@
-"""The algorithms and what they share; registry lists the functions that each must have."""
+"""The algorithms and what they share; `base.Algorithm` has the methods that each must have."""

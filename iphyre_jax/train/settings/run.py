@@ -22,7 +22,7 @@ STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O"
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training run. The defaults are the quick preset of PPO in advance."""
+    """The settings of a training run. In Python, fields that are left out are those of `--preset quick`."""
 
     agent: AgentName = "ppo"
     """Algorithm; "random" learns nothing and serves for comparison."""
