@@ -45,7 +45,7 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         f"Written by `make {stem}`. Trained on the basic split only, or, where the row says so, on its variations and "
         "on generated scenes that are near no test game; everything else is zero shot. Greedy: one episode a game; "
         "sampled: 20, as the agent plays to learn, which is the paper's protocol. Cells: mean over "
-        "seeds, share solved, [95 % bootstrap interval over seeds], interquartile mean over games and seeds. People "
+        "seeds, share solved, [95 % t interval over seeds], interquartile mean over games and seeds. People "
         "and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of each run.",
         f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
     ]
@@ -86,8 +86,8 @@ def _added(agents: Mapping[str, Mapping[str, compare.Row]]) -> list[str]:
     """What each prediction adds to the same agent's reward without one, by split."""
     parts = [
         "### What a prediction adds\n\nReward of sampled actions, less that of the same agent and seeds without a "
-        "prediction, whose own reward is in the first column; [95 % bootstrap interval over seeds]. An interval around "
-        "0: it does not help; of three seeds, intervals are rough. Where `perfect` does not help, no "
+        "prediction, whose own reward is in the first column; [95 % t interval over seeds]. An interval around "
+        "0: no help is shown. Where `perfect` does not help, no "
         "model's prediction can."
     ]
     for split in ("basic", "all"):

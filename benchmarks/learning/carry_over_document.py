@@ -23,7 +23,7 @@ from iphyre_jax.train.reports.statistics import summary
 SHOWN: Final = (1, 2, 5, 10)  # tries
 INTRO: Final = (
     "Written by `make carry-over`. Policies in advance, float32, reset 2 at 10 steps a second and reset 1 at 60. "
-    "Cells: mean over seeds [95 % bootstrap interval over seeds]; with one seed the interval is over games or scenes."
+    "Cells: mean over seeds [95 % t interval over seeds]; with one seed the interval is over games or scenes."
 )
 ABOUT: Final = {
     "default": "the default preset: it learns from the ten basic games, 1,000 variations of each, and, in half of "

@@ -142,7 +142,7 @@ def _seeds(root: Path) -> str:
         "Unseen basic: sampled",
     ]
     text = (
-        f"Means of {SEEDS} seeds with 95 % bootstrap intervals over seeds; greedy is the median. Policies whose seeds "
+        f"Means of {SEEDS} seeds with 95 % t intervals over seeds; greedy is the median. Policies whose seeds "
         "are not all trained are left out: `make results` trains them."
     )
     return f"## All seeds\n\n{text}\n\n{markdown_table(header, rows)}"

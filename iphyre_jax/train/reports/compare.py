@@ -182,7 +182,7 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
         for cells in table(agents, kind):
             shown.add_row(*cells)
         console.print(shown)
-    console.print("Mean over seeds and share solved, [95 % bootstrap interval], interquartile mean.")
+    console.print("Mean over seeds and share solved, [95 % t interval], interquartile mean.")
     if curves is not None:
         draw_curves(curves, agents)
     if bars is not None:
