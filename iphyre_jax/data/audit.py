@@ -35,7 +35,7 @@ def verify(
     is_fresh = manifest["form"] == "fresh"
     protocol = PlayProtocol(dataset.fps, manifest["rule"], manifest["resets"] if is_fresh else FRESH)
     resets = None if is_fresh else dataset.draw.astype(np.int64) + FIRST_RESET
-    different = _steps_without_times(dataset)
+    different = _steps_without_times(dataset, protocol)
     with journal_in(journal, report) as opened:
         opened.report(f"playing {len(dataset)} plays again")
         labels = label_plans(dataset.scenes, dataset.game, dataset.steps, protocol, resets, opened)
@@ -77,12 +77,16 @@ def _names(dataset: Dataset) -> list[tuple[str, bytes]]:
     return [(sums[index], key) for index, key in zip(dataset.game.tolist(), keys, strict=True)]
 
 
-def _steps_without_times(dataset: Dataset) -> list[str]:
-    """Compare steps with times: an entry takes its frame or, if others wait for the same, one of the next ones."""
+def _steps_without_times(dataset: Dataset, protocol: PlayProtocol) -> list[str]:
+    """Compare steps with times: an entry takes its frame or, if others wait for the same, one of the next ones.
+
+    The rule "in_advance" rounds times to tenths of a second, up or down.
+    """
     late = dataset.steps / dataset.fps - dataset.times
+    early = 1e-5 + (0.05 if protocol.rule == "in_advance" else 0.0)  # s; times are kept in float32
     waits = (dataset.steps.shape[1] + 1) / dataset.fps
     played = dataset.steps != NEVER
-    wrong = played & ~((late > -1e-5) & (late < waits))  # True where the time is NaN
+    wrong = played & ~((late > -early) & (late < waits))  # True where the time is NaN
     return _difference("steps", np.asarray(wrong.any(axis=1)))
 
 

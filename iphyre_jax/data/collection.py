@@ -63,7 +63,8 @@ def collect(
         sequences: whether to keep the poses of what moves, ten a second.
         pose_dtype: "float32", or "float64" for tables that equal the official ones bit for bit.
         max_draws: of one game, 1 to 1,000,000; it has fewer plays if they do not suffice, and the manifest says so.
-        policy: for "policy": of a scene and the seed, plans without end.
+        policy: for "policy": of a scene and the seed, plans without end, each with a time in s for every slot of the
+            scene's limits (6); 0 or NaN for a block that stays.
         journal: a folder for what is done so far: after a kill the same call goes on there. It is removed at the end.
         report: called with a line of progress after each round.
 
@@ -123,13 +124,21 @@ def gather(
 def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
     """Return the plans of a recipe for a scene, without the first ones."""
     if recipe.policy is not None:
-        plans = recipe.policy(scene, recipe.seed)
+        plans = _with_slots(recipe.policy(scene, recipe.seed), scene.limits.blocks)
     else:
         drawn = "official" if recipe.distribution == "mixed" else recipe.distribution
         plans = random_plans(scene, drawn, recipe.seed)
     for _ in range(start):
         next(plans, None)
     return plans
+
+
+def _with_slots(plans: Iterator[Plan], slots: int) -> Iterator[Plan]:
+    """Yield plans; ValueError, one line, at the first that has not a time for each slot."""
+    for plan in plans:
+        if np.shape(plan) != (slots,):
+            raise ValueError(f"policy: expected plans of {slots} times, got one of shape {np.shape(plan)}")
+        yield plan
 
 
 def _neighbour_search(scene: Scene, done: Sequence[Search], wanted: tuple[int, int], recipe: Recipe) -> Search:

@@ -121,6 +121,6 @@ def kept_rows(search: Search) -> dict[str, npt.NDArray[Any]]:
     rows = np.sort(np.concatenate([search.rows(True), search.rows(False)]))
     slots = len(search.times[0]) if search.times else 0
     return {
-        "times": np.array(search.times, np.float64).reshape(-1, slots)[rows],
+        "times": np.array(search.times, np.float64).reshape(len(search.times), slots)[rows],
         **search.labels.take(rows).columns(search.first + rows),
     }

@@ -19,7 +19,7 @@ from iphyre_jax.train.predictions import with_prediction_sum
 from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import checkpoint, runs
+from iphyre_jax.train.storage import checkpoint, logs, runs
 from iphyre_jax.train.storage.logs import Log
 from iphyre_jax.train.trainer import Metrics, RunState, Trainer
 
@@ -86,8 +86,9 @@ def resume(folder: Path, console: Console, name: str | None = None) -> TrainingR
 
 def _continue(config: TrainConfig, folder: Path, state: RunState, console: Console) -> TrainingResult:
     """Make the updates that are left."""
-    trained = Trainer(config, state)
     log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
+    made = logs.read(folder, ("seconds",))
+    trained = Trainer(config, state, float(made[-1]["seconds"]) if made else 0.0)
     finished, saved = False, time.monotonic()
     try:
         with training_progress(console) as progress:

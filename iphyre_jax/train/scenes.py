@@ -56,7 +56,8 @@ def variations(game: str, count: int, seed: int, added_blocks: int = 0) -> tuple
     scene = load_scene(game)
     numbers = range(min(added_blocks, MAX_OBJECTS - scene.n_objects) + 1)
     share = -(-count // len(numbers))
-    valid = tuple(one for extra in numbers for one in _valid(scene, share, seed + extra, extra))
+    # Seeds far apart: a layout is drawn before its added blocks, and neighbouring runs should share none.
+    valid = tuple(one for extra in numbers for one in _valid(scene, share, seed + (extra << 40), extra))
     if not valid:
         raise ValueError(f"variations: expected valid ones of {game}, got none in {count * TRIES} draws")
     return valid

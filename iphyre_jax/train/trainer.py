@@ -52,6 +52,11 @@ def columns(config: TrainConfig) -> tuple[str, ...]:
 class Trainer:
     """Plays and learns, update by update.
 
+    Args:
+        config: of the run.
+        state: of the run so far.
+        seconds: that the run has taken so far.
+
     Attributes:
         state: of the run; complete at any moment, even when an interrupt comes.
 
@@ -59,13 +64,13 @@ class Trainer:
         OSError, ValueError: one line; the scene pool is not what the settings say.
     """
 
-    def __init__(self, config: TrainConfig, state: RunState) -> None:
+    def __init__(self, config: TrainConfig, state: RunState, seconds: float = 0.0) -> None:
         self.state = state
         self._config = config
         self._algorithm = algorithm(config)
         self._pool = open_pool(config)
         self._games = rollout_collector(config, config.training_games)
-        self._begun = time.monotonic()
+        self._begun = time.monotonic() - seconds
 
     def update_step(self) -> Metrics:
         """Play and learn once; returns the metrics of the update."""

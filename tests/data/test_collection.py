@@ -131,6 +131,25 @@ def test_plans_of_a_policy_until_the_draws_end() -> None:
     np.testing.assert_array_equal(made.times[0], np.array(plan, np.float32))
 
 
+def test_times_that_are_rounded_up_or_down_are_verified() -> None:
+    plans = [[1.234, 2.31, 0, 0, 0, 0], [3.36, 4.04, 0, 0, 0, 0], [1.0, 1.1, 0, 0, 0, 0]]
+    made = collect(
+        ["support"], failures=9, distribution="policy", policy=lambda *_: iter(plans), rule="in_advance", max_draws=3
+    )
+    assert len(made) == 3
+    assert not verify(made)
+
+
+def test_a_plan_of_another_length_is_one_line() -> None:
+    with pytest.raises(ValueError, match=r"^policy: expected plans of 6 times, got one of shape \(2,\)$"):
+        collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0]))
+
+
+@pytest.mark.parametrize("wanted", [0, 60])
+def test_mixed_may_need_no_filling(wanted: int) -> None:
+    assert len(collect(["support"], successes=wanted, failures=wanted, distribution="mixed")) == 2 * wanted
+
+
 def test_uniform_plans_reach_to_fifteen_seconds() -> None:
     made = collect(["support"], successes=10, failures=10, distribution="uniform15")
     assert 7 < np.nanmax(made.times) < 15

@@ -53,7 +53,8 @@ class Counting:
     before: Hook = staticmethod(lambda update: None)
     after: Hook = staticmethod(lambda update: None)
 
-    def __init__(self, config: TrainConfig, state: trainer.RunState) -> None:
+    def __init__(self, config: TrainConfig, state: trainer.RunState, seconds: float) -> None:
+        del seconds
         self.config, self.state = config, state
 
     def update_step(self) -> trainer.Metrics:

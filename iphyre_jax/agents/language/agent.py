@@ -106,7 +106,7 @@ class LanguageAgent:
             seconds += removals[0].time
             if seconds >= TIME_LIMIT:
                 return
-            times[removals[0].slot] = max(seconds, FIRST)
+            _enter(times, [Removal(seconds, removals[0].slot)])
 
     def _on_the_fly(self, scene: Scene, past: Sequence[Attempt], number: int, times: Floats) -> None:
         """Ask every half second what goes now."""
@@ -158,6 +158,12 @@ class LanguageAgent:
 
 
 def _enter(times: Floats, removals: Sequence[Removal]) -> None:
-    """Put removals into a plan; those at 0 take the first frames after the start."""
+    """Put removals into a plan; those at 0 take the first frames after the start.
+
+    Of equal times a plan takes the lowest block first. So a removal is put behind those that were entered before it.
+    """
     for time, index in removals:
-        times[index] = max(time, FIRST)
+        entered = max(time, FIRST)
+        while (times == entered).any():
+            entered = np.nextafter(entered, np.inf)
+        times[index] = entered

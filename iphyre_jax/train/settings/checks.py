@@ -54,6 +54,7 @@ def check_config(config: TrainConfig) -> None:
     _require(config, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
     _require(config, "checkpoint_seconds", 0 <= config.checkpoint_seconds < float("inf"), "a number not below 0")
     _check_pool(config)
+    _check_groups(config)
     _check_prediction(config)
     _check_learner(config)
 
@@ -142,6 +143,12 @@ def _check_learner(config: TrainConfig) -> None:
         if config.strategy != "in-advance" and not learner.samples_per_update:
             raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
         _check_minibatches(config, learner)
+
+
+def _check_groups(config: TrainConfig) -> None:
+    """Refuse episodes that the groups of a game cannot share equally."""
+    fits = config.episodes_per_scene % config.groups == 0
+    _require(config, "episodes_per_scene", fits, f"a multiple of {config.groups}, the groups of a game")
 
 
 def _check_minibatches(config: TrainConfig, learner: PolicyGradient) -> None:

@@ -19,6 +19,8 @@ from iphyre_jax.agents.language.prompts import Message, Prompt
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions
 from iphyre_jax.agents.language.transcripts import Question
 from iphyre_jax.attempts.protocol import Attempts
+from iphyre_jax.envs.strategies import StrategyName
+from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
 
 SUPPORT = load_scene("support")
@@ -62,6 +64,15 @@ def test_a_reply_that_cannot_be_read_is_asked_for_again_three_times_in_all() -> 
     assert np.isnan(asking(SUPPORT, 1, np.random.default_rng(0), ())).all()
     log = asking.asked["support", 1]
     assert (log.no_answer, log.questions, log.unread, log.tokens_in) == (True, 3, 3, 300)
+
+
+@pytest.mark.parametrize("strategy", ["in-advance", "combined"])
+def test_equal_times_keep_the_order_of_the_reply(strategy: StrategyName) -> None:
+    one, other = '{"time": 0.5, "index": 1}', '{"time": %s, "index": 0}'
+    replies = [f"[{one}, {other % 0.5}]"] if strategy == "in-advance" else [f"[{one}]", f"[{other % 0}]"]
+    asking = agent(Model(*replies), Prompt(strategy=strategy))
+    times = asking(SUPPORT, 1, np.random.default_rng(0), ())
+    assert plan_to_steps(times, 10, "simulate").tolist() == [[6, 5]]
 
 
 def test_time_zero_is_the_first_moment() -> None:

@@ -50,6 +50,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "resets": ({"resets": 0}, "resets: expected at least 1"),
     "updates": ({"updates": 0}, "updates: expected at least 1"),
     "one plan": ({"episodes_per_scene": 1}, "episodes_per_scene: expected at least 2"),
+    "unequal groups": (
+        {"episodes_per_scene": 100, "variations": 4},
+        "episodes_per_scene: expected a multiple of 3, the groups of a game, got 100",
+    ),
     "seed": ({"seed": -1}, "seed: expected from 0"),
     "no layer": ({"hidden_sizes": ()}, "hidden_sizes: expected at least one positive width"),
     "empty layer": ({"hidden_sizes": (32, 0)}, "hidden_sizes: expected at least one positive width"),

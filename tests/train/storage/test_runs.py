@@ -150,6 +150,8 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     assert resumed.finished
     assert_same_tree(resumed.state, finished.state)
     assert without_clock(folder) == without_clock(finished.folder)
+    seconds = [float(line["seconds"]) for line in logs.read(folder)]
+    assert seconds == sorted(seconds)  # of both parts together
 
 
 @pytest.mark.slow
