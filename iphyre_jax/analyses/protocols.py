@@ -40,10 +40,15 @@ def measure(name: str) -> Row:
         "resets": config.resets,
         "dtype": config.dtype,
         "protocols": {
-            title: {"mean": float(np.mean(scores)), "spread": float(np.std(scores)), "repetitions": len(scores)}
+            title: {"mean": float(np.mean(scores)), "spread": _spread(scores), "repetitions": len(scores)}
             for title, scores in protocol_scores(played.reward[:, 0, 0], played.reward[:, 0, 1:]).items()
         },
     }
+
+
+def _spread(scores: Floats) -> float:
+    """Return the standard deviation of single uses, estimated from some; 0 for one."""
+    return float(np.std(scores, ddof=1)) if len(scores) > 1 else 0.0
 
 
 def protocol_scores(greedy: Floats, sampled: Floats) -> dict[str, Floats]:

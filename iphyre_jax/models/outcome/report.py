@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, GENERATED, HELD, TESTED, TRAINED, VARIED
 from iphyre_jax.provenance import made_by
-from iphyre_jax.train.reports.report import markdown_table
+from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
 TITLES: Final = {
     TRAINED: "learned plays",
@@ -59,11 +59,8 @@ learn from, unless the column says so.
 
 
 def cell(values: Sequence[float] | None, factor: float = 100.0, digits: int = 1) -> str:
-    """Mean and spread over seeds; "-" if there are none."""
-    if not values or not np.isfinite(values).all():
-        return "-"
-    mean = f"{factor * np.mean(values):.{digits}f}"
-    return mean if len(values) == 1 else f"{mean} ± {factor * np.std(values):.{digits}f}"
+    """Mean and spread over seeds, of shares in %; "-" if there are none."""
+    return seeds_cell(values or (), factor, digits)
 
 
 def accuracy_table(evaluations: Mapping[str, Mapping[str, Any]]) -> str:

@@ -47,7 +47,7 @@ return of {ASKED} of 1000 points and plays. Mean reward / games solved, %.
 
 def pair(reward: Sequence[float], success: Sequence[float]) -> str:
     """Mean reward, with its spread over seeds, and share solved in %."""
-    spread = f" ± {np.std(reward):.0f}" if len(reward) > 1 else ""
+    spread = f" ± {np.std(reward, ddof=1):.0f}" if len(reward) > 1 else ""
     return f"{np.mean(reward):.1f}{spread} / {100 * np.mean(success):.0f}"
 
 

@@ -8,6 +8,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -61,6 +63,14 @@ def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
 def _cell(reward: float, success: float) -> str:
     """Reward and success rate."""
     return f"{reward:.1f} {success:3.0f}%"
+
+
+def seeds_cell(values: Sequence[float], factor: float = 1.0, digits: int = 1) -> str:
+    """Mean ± standard deviation over seeds, of n - 1 degrees of freedom, as a cell; "-" if there are none."""
+    if not values or not np.isfinite(values).all():
+        return "-"
+    mean = f"{factor * np.mean(values):.{digits}f}"
+    return mean if len(values) == 1 else f"{mean} ± {factor * np.std(values, ddof=1):.{digits}f}"
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -57,7 +57,7 @@ def test_document(tmp_path: Path) -> None:
 
 def test_cells() -> None:
     assert report.cell([0.5]) == "50.0"
-    assert report.cell([0.4, 0.6]) == "50.0 ± 10.0"
+    assert report.cell([0.4, 0.6]) == "50.0 ± 14.1"
     assert report.cell([0.25, 0.25], 1.0, 3) == "0.250 ± 0.000"
     assert report.cell([float("nan")]) == "-"
     assert report.cell(None) == "-"

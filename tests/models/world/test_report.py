@@ -12,6 +12,7 @@ from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, storage
 from iphyre_jax.models.world.reports import report
 from iphyre_jax.models.world.reports.metrics import BOUNDS, HORIZONS
+from iphyre_jax.train.reports.report import seeds_cell
 
 
 def _evaluation(seed: int, first: float) -> dict[str, Any]:
@@ -49,9 +50,9 @@ def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monke
     assert "| objects-100 | 0 2 | 2000 |" in text
     assert "objects-100-1" in text
     assert "objects-100-2" not in text
-    assert "| objects-100 | 2.00 ± 1.00 |" in text  # errors of 1 and 3 px
+    assert "| objects-100 | 2.00 ± 1.41 |" in text  # errors of 1 and 3 px
     assert "| objects-100 | 70 ± 0 / 90 ± 0 of 50 ± 0 |" in text
-    assert "| objects-100, first | 500 ± 100 / 50 ± 0 % |" in text
+    assert "| objects-100, first | 500 ± 141 / 50 ± 0 % |" in text
     assert "| planner, exact simulator, first | 950 / 50 % |" in text
 
 
@@ -92,4 +93,4 @@ def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_cell_without_seeds_is_empty() -> None:
-    assert report.cell([]) == "-"
+    assert seeds_cell([]) == "-"

@@ -12,7 +12,7 @@ from iphyre_jax.files import replace_text
 from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
 from iphyre_jax.models.world.reports.metrics import BOUNDS, COLUMNS, HORIZONS
 from iphyre_jax.provenance import made_by
-from iphyre_jax.train.reports.report import markdown_table
+from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
 TITLES: Final = {
     "basic": "basic, other plans",
@@ -27,7 +27,8 @@ Written by `make results-world`; do not edit. What will the scene look like 0.1 
 that is only imagined?
 
 * Plays: 60 steps a second, rule "simulate", fresh space (reset 1), random plans of the official distribution. Learned
-  from: basic games, and variations of them for "unlimited". The plans judged here were not learned from.
+  from: basic games, and variations of them for "unlimited". The plays judged here are others; but random plans of games
+  with two blocks repeat, so a few plays of basic games were learned from too.
 * `objects` is ours; `mdrnn` is the paper's with four repairs; the number behind it counts its gradient steps, that
   behind `objects` its plays.
 * Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. Plays are judged in float32,
@@ -39,14 +40,6 @@ that is only imagined?
 Evaluations = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
-def cell(values: Sequence[float], factor: float = 1.0, digits: int = 1) -> str:
-    """Mean and spread over seeds; "-" if there are none."""
-    if not values or not np.isfinite(values).all():
-        return "-"
-    mean = f"{factor * np.mean(values):.{digits}f}"
-    return mean if len(values) == 1 else f"{mean} ± {factor * np.std(values):.{digits}f}"
-
-
 def _columns(runs: Sequence[Mapping[str, Any]], column: str) -> list[Mapping[str, Any]]:
     return [run["columns"][column] for run in runs if column in run["columns"]]
 
@@ -56,7 +49,7 @@ def horizon_table(evaluations: Evaluations, column: str) -> str:
     rows = []
     for name, runs in evaluations.items():
         errors = [found["median error px"] for found in _columns(runs, column)]
-        rows.append([name, *(cell([one["model"][k] for one in errors], digits=2) for k in range(len(HORIZONS)))])
+        rows.append([name, *(seeds_cell([one["model"][k] for one in errors], digits=2) for k in range(len(HORIZONS)))])
     some = [found for runs in evaluations.values() for found in _columns(runs, column)][:1]
     for bound in BOUNDS if some else ():
         rows.append([bound, *(f"{value:.2f}" for value in some[0]["median error px"][bound])])
@@ -68,11 +61,11 @@ def outcome_table(evaluations: Evaluations) -> str:
     rows = []
     for name, runs in evaluations.items():
         shares = [[found["outcomes"]["right"] for found in _columns(runs, column)] for column in COLUMNS]
-        rows.append([name, *(cell(values, 100) for values in shares)])
+        rows.append([name, *(seeds_cell(values, 100) for values in shares)])
     frequent = []
     for column in COLUMNS:
         found = [each for runs in evaluations.values() for each in _columns(runs, column)][:1]
-        frequent.append(cell([each["outcomes"]["more frequent outcome of each game"] for each in found], 100))
+        frequent.append(seeds_cell([each["outcomes"]["more frequent outcome of each game"] for each in found], 100))
     rows.append(["always the more frequent outcome of each game", *frequent])
     return markdown_table(["row", *(TITLES[column] for column in COLUMNS)], rows)
 
@@ -85,7 +78,7 @@ def calibration_table(evaluations: Evaluations) -> str:
         for column in COLUMNS:
             found = [each["calibration"] for each in _columns(runs, column) if "calibration" in each]
             keys = ("one sigma", "two sigma", "uncertain")
-            shares = [cell([one[key] for one in found if key in one], 100, 0) for key in keys]
+            shares = [seeds_cell([one[key] for one in found if key in one], 100, 0) for key in keys]
             cells.append(f"{shares[0]} / {shares[1]} of {shares[2]}" if found else "-")
         if any(each != "-" for each in cells):
             rows.append([name, *cells])
@@ -113,7 +106,7 @@ def _played(seeds: Sequence[Sequence[Mapping[str, Any]]], attempt: int) -> str:
     reward, solved = (
         [float(np.mean([split[key][attempt] for split in splits])) for splits in seeds] for key in ("reward", "solved")
     )
-    return f"{cell(reward, digits=0)} / {cell(solved, 100, 0)} %"
+    return f"{seeds_cell(reward, digits=0)} / {seeds_cell(solved, 100, 0)} %"
 
 
 def runs_table(evaluations: Evaluations) -> str:
