@@ -24,7 +24,7 @@ def test_what_a_prediction_adds() -> None:
         lines = [line.strip("| ").split(" | ") for line in part.splitlines()]
         assert lines[0][1:] == list(tables.PREDICTIONS)
         rows = {line[0]: line[1:] for line in lines[2:]}
-        assert rows["PPO-O"] == ["520.0", "-", "-", "-", "-", "+90.0 [+80, +100]", "-"]
+        assert rows["PPO-O"] == ["520.0", "-", "-", "-", "-", "+90.0 [-37, +217]", "-"]
         assert rows["SAC-C"] == ["-"] * 7  # without the row to compare with there is no difference
 
 

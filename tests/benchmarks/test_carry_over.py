@@ -166,7 +166,7 @@ def test_the_document_says_what_every_row_is() -> None:
 def test_the_document_of_two_seeds(tmp_path: Path) -> None:
     found = {"both-0": held(700.0), "both-1": held(800.0)}
     plain = document({10: {}, 60: found}, {10: {}, 60: {}}, ["both-2"], tmp_path / "none", {"commit": "c"})
-    assert "| both | 2 | 750.0 [700, 800] | 50.0 [50, 50] | 750.0 [700, 800] | 50.0 [50, 50] |" in plain
+    assert "| both | 2 | 750.0 [115, 1385] | 50.0 [50, 50] | 750.0 [115, 1385] | 50.0 [50, 50] |" in plain
     assert "Still missing: both-2." in plain
     assert "All forty games" not in plain
     assert "### 60 steps a second" in plain
