@@ -176,8 +176,8 @@ def test_the_document_of_two_seeds(tmp_path: Path) -> None:
     rows = {"both-0": forty([600.0, *[900.0] * 9]), "both-1": forty([800.0, *[1000.0] * 9])}
     text = document({10: {}, 60: found}, {10: {}, 60: rows}, [], counter, {})
     assert "This command has played them 1 time, each row once." in text
-    assert f"| both | 2 {'| 700.0 [600, 800] ' * 5}| 0.0 [0, 0] |" in text
-    assert f"| both | 700.0 [600, 800] {'| 950.0 [900, 1000] ' * 3}| 100.0 [100, 100] |" in text
+    assert f"| both | 2 {'| 700.0 [-571, 1971] ' * 5}| 0.0 [0, 0] |" in text
+    assert f"| both | 700.0 [-571, 1971] {'| 950.0 [315, 1585] ' * 3}| 100.0 [100, 100] |" in text
     assert "| people | - | - | 844" in text
     assert "10 steps a second, reset 2" not in text
 
