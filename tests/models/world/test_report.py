@@ -10,7 +10,6 @@ import pytest
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, storage
-from iphyre_jax.models.world.reports import report
 from iphyre_jax.models.world.reports.metrics import BOUNDS, HORIZONS
 from iphyre_jax.train.reports.report import seeds_cell
 
