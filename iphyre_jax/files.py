@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import math
@@ -172,7 +173,7 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     draft = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
     try:
-        with naming(target):
+        with naming(target, draft):
             yield draft
             with draft.open("rb") as file:
                 os.fsync(file.fileno())
@@ -182,14 +183,23 @@ def replacing(target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def naming(file: Path) -> Iterator[None]:
-    """Let an error of the system name the file, as one of a full disk does not by itself."""
+def naming(file: Path, draft: Path | None = None) -> Iterator[None]:
+    """Let an error of the system name the file, as one of a full disk does not by itself, and one of its draft."""
     try:
         yield
     except OSError as error:
+        if draft is not None and error.filename == str(draft):
+            raise OSError(error.errno, error.strerror, str(file)) from error
         if error.errno is not None and error.filename is None:
             error.filename = str(file)
         raise
+
+
+def check_exist(*files: Path) -> None:
+    """Raise FileNotFoundError, as opening it would, for the first of some files that is missing."""
+    for file in files:
+        if not file.exists():
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
 
 
 def check_writable(folder: Path, name: str) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iphyre_jax.files import LOCK, locked, read_npz
+from iphyre_jax.files import LOCK, locked, read_npz, replace_json
 
 MOST = 2**20
 
@@ -89,6 +89,13 @@ def test_arrays_come_back(tmp_path: Path) -> None:
             assert found[name].dtype == np.asarray(array).dtype
     with pytest.raises(ValueError, match="expected at most 100 bytes, got more"):
         read_npz(tmp_path / "arrays.npz", 100)
+
+
+def test_an_error_names_the_file_and_not_its_draft(tmp_path: Path) -> None:
+    target = tmp_path / "none" / "a.json"
+    with pytest.raises(FileNotFoundError) as caught:
+        replace_json(target, {})
+    assert str(caught.value) == f"[Errno 2] No such file or directory: '{target}'"
 
 
 def test_a_lock_is_exclusive_and_leaves_nothing(tmp_path: Path) -> None:

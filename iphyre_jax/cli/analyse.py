@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Final, Literal
 
 import tyro
@@ -38,6 +39,16 @@ What = Literal[
     "claims",
 ]
 SEEDS: Final = 5  # of the difficulty
+# Where the rows of documents are that would lack something without them; the imagination needs all of its own.
+ROWS_OF: Final[Mapping[What, str]] = MappingProxyType(
+    {
+        "oracle": "oracle-*/*.json",
+        "difficulty": "difficulty-*/*.json",
+        "attempts": "attempts-*/*.json",
+        "protocols": "protocols/*.json",
+        "claims": "difficulty-60fps-0/*.json",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -73,12 +84,22 @@ def run(command: Analyse, console: Console) -> None:
         ValueError, OSError: one line.
     """
     for what in command.what or tuple(DOCUMENTS):
+        if command.written_only and not _has_rows(command.rows, what):
+            say(console, f"{what}: no rows in {command.rows}; its document stays as it is")
+            continue
         text = DOCUMENTS[what](command, console)
         text += f"\n## Origin of this document\n\n```json\n{json.dumps(provenance(), indent=1)}\n```\n"
         command.out.mkdir(parents=True, exist_ok=True)
         file = command.out / f"{what}.md"
         replace_text(file, text)
         say(console, f"{file}")
+
+
+def _has_rows(folder: Path, what: What) -> bool:
+    """Whether a document can be written of the rows in a folder, or needs none."""
+    if what == "imagination":
+        return imagination.is_whole(folder)
+    return what not in ROWS_OF or any(folder.glob(ROWS_OF[what]))
 
 
 def _oracle(command: Analyse, console: Console) -> str:

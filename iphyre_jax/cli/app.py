@@ -18,7 +18,7 @@ from rich.table import Table
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, viewer, world
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import CommandConsole, option, say
 from iphyre_jax.cli.viewer import Plan, PlayPage, Render, Replay, Score
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
@@ -75,7 +75,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
             configure()
         check_fork()  # some commands use JAX before they play
     action = next(action for kind, action in SUBCOMMANDS.values() if isinstance(command, kind))
-    return action(command, Console()) or 0
+    return action(command, CommandConsole()) or 0
 
 
 def _parse(arguments: list[str]) -> object:

@@ -6,6 +6,14 @@ import tyro
 from rich.console import Console
 
 
+class CommandConsole(Console):
+    """A console that tells of a reader who has gone, as `| head` does; rich's own would end the process with 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise BrokenPipeError; `cli.main` gives the exit code."""
+        raise BrokenPipeError
+
+
 def say(console: Console, text: str) -> None:
     """Print text as it is: no markup, no colours, no line breaks of our own."""
     console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from types import MappingProxyType
+from typing import Annotated, Final, Literal
 
 import jax
 import jax.numpy as jnp
@@ -28,11 +29,14 @@ from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.viewer.plays import read_plays
 
 PLANS_AT_ONCE = 256  # of a policy
+WORLD_FPS: Final = 60  # of people and of the official data
 
 
 @dataclass(frozen=True)
@@ -69,12 +73,23 @@ class Collect:
     )
     form: Literal["fresh", "exact"] = "fresh"
     """Each play in a fresh space, or in the successive resets of one space, as the official loop does."""
-    fps: int = 60
-    """Physics steps a second."""
-    rule: Rule = "simulate"
-    """How seconds become steps: as in the official data, or as for agents that plan ahead."""
-    resets: int = 1
-    """Number of the reset in a reused physics space: 1 is a fresh space; official agents play after the second."""
+    fps: Annotated[int | None, option("N", "Physics steps a second.", "60, or the policy's")] = None
+    rule: Annotated[
+        Rule | None,
+        option(
+            "{simulate,in_advance}",
+            "How seconds become steps: as in the official data, or as for agents that plan ahead.",
+            "simulate, or in_advance for a policy",
+        ),
+    ] = None
+    resets: Annotated[
+        int | None,
+        option(
+            "N",
+            "Number of the reset in a reused physics space: 1 is a fresh space; official agents play after the second.",
+            "1, or the policy's",
+        ),
+    ] = None
     seed: int = 0
     """Seed of the draws."""
     max_draws: int = MAX_DRAWS
@@ -94,7 +109,35 @@ def run(command: Collect, console: Console) -> int:
     return with_status(lambda report: _run(command, console, report), console)
 
 
+# What each way to make a set reads besides what it writes; the rest would be ignored.
+_WRITTEN: Final = ("out", "official", "minari")
+_READ: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "verify": (),
+        "named": ("games", "fps", "sequences", *_WRITTEN),
+        "source": ("games", "fps", "sequences", *_WRITTEN),
+    }
+)
+_OF_FOLDERS: Final = ("games", "fps", "sequences")  # read with a source that is a folder of official files
+
+
+def _check_options(command: Collect) -> None:
+    """Refuse options that the chosen way would ignore; ValueError in one line."""
+    for way, read in _READ.items():
+        if getattr(command, way) is None:
+            continue
+        if way == "source" and not Path(command.source or "").is_dir():
+            read = tuple(name for name in read if name not in _OF_FOLDERS)
+        for entry in fields(command):
+            given = getattr(command, entry.name)
+            if entry.name not in (way, *read) and given != entry.default:
+                raise ValueError(
+                    f"{entry.name}: expected none with --{way}, got {show(str(given) if isinstance(given, Path) else given)}"
+                )
+
+
 def _run(command: Collect, console: Console, report: Callable[[str], None]) -> int:
+    _check_options(command)
     if command.verify is not None:
         dataset = load_dataset(command.verify)
         different = verify(dataset, report=report)
@@ -120,26 +163,33 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
     """Return the data set that the options ask for."""
     if command.named is not None:
         games = _games(command.games) if command.games else None
-        return named_set(command.named, fps=command.fps, sequences=command.sequences, games=games, report=report)
+        return named_set(
+            command.named, fps=command.fps or WORLD_FPS, sequences=command.sequences, games=games, report=report
+        )
     journal = None if command.out is None else command.out.with_suffix(".parts")
     if command.source is not None:
         return _load(command, journal, report)
-    if (command.policy is None) == (command.distribution == "policy"):
-        raise ValueError(f"policy: expected one for --distribution policy only, got {show(command.policy)}")
+    if command.distribution == "policy" and command.policy is None:
+        raise ValueError("policy: expected a pretrained policy or a run folder for --distribution policy, got none")
+    if command.distribution != "policy" and command.policy is not None:
+        raise ValueError(f"policy: expected none without --distribution policy, got {show(command.policy)}")
+    policy = None if command.policy is None else _trained(command.policy)
+    fps, resets = (WORLD_FPS, 1) if policy is None else (policy[0].fps, policy[0].resets)
+    rule: Rule = "simulate" if policy is None else "in_advance"
     return collect(
         _games(command.games) if command.games else list(GAMES),
         successes=command.successes,
         failures=command.failures,
         distribution=command.distribution,
         form=command.form,
-        fps=command.fps,
-        rule=command.rule,
-        resets=command.resets,
+        fps=fps if command.fps is None else command.fps,
+        rule=rule if command.rule is None else command.rule,
+        resets=resets if command.resets is None else command.resets,
         seed=command.seed,
         sequences=command.sequences,
         pose_dtype=command.pose_dtype,
         max_draws=command.max_draws,
-        policy=None if command.policy is None else _policy(command.policy),
+        policy=None if policy is None else _plans_of(*policy),
         journal=journal,
         report=report,
     )
@@ -158,7 +208,12 @@ def _load(command: Collect, journal: Path | None, report: Callable[[str], None])
         games = _games(command.games) if command.games else None
         folder = source or Path()
         return load_official(
-            folder, games=games, fps=command.fps, sequences=command.sequences, journal=journal, report=report
+            folder,
+            games=games,
+            fps=command.fps or WORLD_FPS,
+            sequences=command.sequences,
+            journal=journal,
+            report=report,
         )
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
@@ -167,8 +222,8 @@ def _load(command: Collect, journal: Path | None, report: Callable[[str], None])
     return dataset_from_plays([line.play for line in read_player_lines(source)])
 
 
-def _policy(name: str) -> PlanPolicy:
-    """Return the sampled plans of a pretrained policy or of a run, as `collect` takes them."""
+def _trained(name: str) -> tuple[TrainConfig, State]:
+    """Return settings and state of a pretrained policy or of a run; ValueError in one line for one that acts later."""
     if Path(name).is_dir():
         config, run_state = runs.load(Path(name))
         state = run_state.learner
@@ -177,6 +232,11 @@ def _policy(name: str) -> PlanPolicy:
         config, state = loaded.config, loaded.state
     if config.strategy != "in-advance":
         raise ValueError(f"policy: expected one that plans in advance, got {name}, which plays {config.strategy}")
+    return config, state
+
+
+def _plans_of(config: TrainConfig, state: State) -> PlanPolicy:
+    """Return the sampled plans of a policy, as `collect` takes them."""
     agent = algorithm(config)
 
     def plans(scene: Scene, seed: int) -> Iterator[Plan]:

@@ -189,6 +189,8 @@ def _policy(command: Evaluate) -> tuple[TrainConfig, RunState]:
     if not command.ensemble:
         return config, state
     configs, states = zip((config, state), *map(runs.load, command.ensemble), strict=True)
+    if len({one.seed for one in configs}) < len(configs):
+        raise ValueError(f"ensemble: expected runs of different seeds, got {', '.join(str(c.seed) for c in configs)}")
     return config, state._replace(learner=ensemble(configs, [one.learner for one in states]))
 
 

@@ -184,5 +184,5 @@ def _plan(action: PlanInModel, console: Console) -> None:
     played = simulate(scene, plan_to_steps(times[best], 60, "simulate"), fps=60, dtype="float64")
     say(console, f"{scene.name}: best of {action.plans} plans imagined in {action.model}; 60 fps, fresh space, float64")
     for at, index in enumerate(best):
-        plan = ",".join("-" if np.isnan(time) else f"{time:g}" for time in times[index])
+        plan = " ".join("-" if np.isnan(time) else f"{time:g}" for time in times[index])
         say(console, f"{plan}: imagined {imagined[index]:.1f}, played {played.reward[at]:.1f}")

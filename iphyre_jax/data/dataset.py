@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import is_list, one_line, show
-from iphyre_jax.files import pack_npz, parse_json, read_npz, replace_bytes
+from iphyre_jax.files import check_exist, pack_npz, parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
 from iphyre_jax.rules import NEVER
@@ -159,6 +159,7 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
         ValueError: a byte of either file was changed, a field is wrong, or memory does not suffice; one line.
     """
     npz, manifest_file = check_path(path)
+    check_exist(npz, manifest_file)
     manifest = _read_manifest(manifest_file)
     with npz.open("rb") as file:
         size = os.fstat(file.fileno()).st_size

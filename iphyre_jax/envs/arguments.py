@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.checks import check_instance, check_whole, one_line, show
-from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.envs.params import EnvParams, Worlds
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.memory import check_memory
 
@@ -38,19 +38,21 @@ def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for on
         raise ValueError(f"key: expected one random key, got keys of shape {shape}; jax.vmap plays a batch of worlds")
 
 
-def check_params(params: object) -> None:
-    """Refuse what are not parameters; ValueError in one line."""
-    check_instance("params", params, EnvParams, "the parameters that make has returned")
+def check_params(params: object, worlds: Worlds) -> None:
+    """Refuse what are not parameters for these worlds; ValueError in one line."""
+    if not isinstance(params, EnvParams):
+        raise ValueError(f"params: expected the parameters that make has returned, got {show(params)}")
+    if params.made_for != worlds.made_for:
+        raise ValueError("params: expected those of this environment, got those of another backend, dtype or topology")
 
 
-def check_state(state: object) -> None:
-    """Refuse what is not a state; ValueError in one line."""
-    check_instance("state", state, EnvState, "a state that reset or step has returned")
+def check_state(state: object, worlds: Worlds) -> None:
+    """Refuse what is not a state of such worlds; ValueError in one line."""
+    check_instance("state", state, worlds.state_type, "a state that reset or step of this environment has returned")
 
 
 def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> None:
-    """Refuse what is no row of the parameters; of an array only the shape and type; ValueError in one line."""
-    check_params(params)
+    """Refuse what is no row of checked parameters; of an array only the shape and type; ValueError in one line."""
     if isinstance(game, jax.Array | np.ndarray) and game.dtype.kind in "iu" and not game.shape:
         return
     check_whole(name, game, least, params.games - 1)

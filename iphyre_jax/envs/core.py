@@ -133,7 +133,7 @@ class Environment:
         Raises:
             ValueError: there is no such row; one line.
         """
-        check_params(params)
+        check_params(params, self.worlds)
         game = check_whole("game", game, 0, params.games - 1)
         topology, own = self.worlds.single_game(params, game)
         return replace(self, games=self.games[game : game + 1], topologies=(topology,)), own
@@ -158,7 +158,7 @@ class Environment:
         """
         check_fork()  # not in the compiled function, where the child would hang
         check_key(key)
-        check_params(params)
+        check_params(params, self.worlds)
         self.check_dtype()
         with as_interrupts():
             out: tuple[jax.Array, EnvState] = self._reset(key, params)
@@ -183,6 +183,7 @@ class Environment:
             ValueError: the game is no row of the parameters, or JAX lacks the physics' dtype; one line.
         """
         check_fork()
+        check_params(params, self.worlds)
         check_game("game", game, params)
         self.check_dtype()
         with as_interrupts():
@@ -218,8 +219,8 @@ class Environment:
         check_fork()
         if self.autoreset:
             check_key(key)
-        check_state(state)
-        check_params(params)
+        check_state(state, self.worlds)
+        check_params(params, self.worlds)
         self.check_dtype()
         out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
         checked = self.action_space().array(action)
@@ -248,7 +249,8 @@ class Environment:
         Returns:
             See `step`.
         """
-        check_state(state)
+        check_state(state, self.worlds)
+        check_params(params, self.worlds)
         check_game("next_game", next_game, params, NO_GAME)
         before = self.worlds.status(params, state)
         planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
@@ -265,8 +267,8 @@ class Environment:
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return the observation of a state; ValueError in one line if these are no state and parameters."""
         check_fork()
-        check_state(state)
-        check_params(params)
+        check_state(state, self.worlds)
+        check_params(params, self.worlds)
         with as_interrupts():
             out: jax.Array = self._observe(state, params)
         return out
@@ -295,8 +297,8 @@ class Environment:
         Raises:
             ValueError: these are no state and parameters; one line.
         """
-        check_state(state)
-        check_params(params)
+        check_state(state, self.worlds)
+        check_params(params, self.worlds)
         info = self._info(self.worlds.status(params, state))
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -111,9 +112,13 @@ def evaluate(
     check_policy(policy, ("a key", "an observation"))
     key = jax.random.key(0) if key is None else key
     check_key(key)
+    scenes = load_scenes(_games(split), limits)
+    repeated = [name for name, count in Counter(scene.name for scene in scenes).items() if count > 1]
+    if repeated:
+        raise ValueError(f"split: expected scenes of different names, got {show(repeated[0])} twice")
     environment, params = environment_of(
         "evaluation",
-        load_scenes(_games(split), limits),
+        scenes,
         strategy=strategy,
         protocol=protocol,
         dtype=dtype,

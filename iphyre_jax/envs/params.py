@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import numpy as np
@@ -25,6 +27,9 @@ from iphyre_jax.scenes import Limits, Scene
 
 class EnvParams(ABC):
     """The games of an environment, one a row of every array; each episode plays one of them."""
+
+    made_for: str
+    """See `Worlds.made_for`; no array, but a part of the tree's structure."""
 
     @property
     def games(self) -> int:
@@ -65,6 +70,8 @@ class Worlds(ABC):
     keep_final: whether `step` also returns an ended episode before its reset.
     """
 
+    state_type: ClassVar[type[EnvState]]
+
     topologies: tuple[Topology, ...]
     dtype: str
     protocol: EpisodeProtocol
@@ -72,6 +79,11 @@ class Worlds(ABC):
     limits: Limits
     no_op: bool
     keep_final: bool
+
+    @property
+    def made_for(self) -> str:
+        """What parameters must be packed for to be played: the class of worlds, topologies, number type and limits."""
+        return _digest(type(self).__name__, self.topologies, self.dtype, self.limits)
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).
@@ -159,3 +171,8 @@ class Worlds(ABC):
         x, y, angle, *_ = self.bodies(params, state)
         sound = status.fault != FAULT_NOT_FINITE
         return features, Pose(x, y, angle, present_objects(features, status.present), sound)
+
+
+@lru_cache(256)
+def _digest(*values: object) -> str:
+    return hashlib.sha256(repr(values).encode()).hexdigest()

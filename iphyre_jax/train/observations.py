@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.checks import check_option
 from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.envs.strategies import STRATEGIES, StrategyName
 from iphyre_jax.observations.features import MOTION_SIZE, ROWS_SIZE
@@ -48,13 +49,26 @@ def parts(obs: jax.Array) -> Parts:
     return Parts(rows, candidates, obs[..., moves:predicts], obs[..., predicts:])
 
 
+def observation_length(strategy: StrategyName, observation: str, has_prediction: bool = False) -> int:
+    """The number of numbers in an observation."""
+    no_op = 2 if STRATEGIES[strategy].no_op_candidate else 0
+    motion = MOTION_SIZE if observation == "motion" else 0
+    return ROWS_SIZE + no_op + SLOTS_SIZE + motion + ROWS_SIZE * has_prediction
+
+
 def slot_mask(obs: jax.Array) -> jax.Array:
     """(..., 6) bool: the slots that stand for a block of the scene, removed or not."""
     return parts(obs).candidates.any(axis=-1)
 
 
 def start_observations(strategy: StrategyName, observation: str, scenes: Sequence[str | Scene]) -> jax.Array:
-    """(S, D) float32: the first observation of each of S scenes under a strategy; time and no-op are 0."""
+    """(S, D) float32: the first observation of each of S scenes under a strategy; time and no-op are 0.
+
+    Raises:
+        ValueError: another strategy or observation, or a scene that cannot be; one line.
+    """
+    check_option("strategy", strategy, tuple(STRATEGIES))
+    check_option("observation", observation, ("official", "motion"))
     table = observation_table(scenes)
     rows, candidates = table[:, :ROWS_SIZE], table[:, ROWS_SIZE:]
     no_op = np.zeros((len(table), 2 if STRATEGIES[strategy].no_op_candidate else 0), np.float32)

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from iphyre_jax.analyses import oracle
 from iphyre_jax.cli.main import run
+from iphyre_jax.kept_rows import kept_row
 
 
 def test_documents_of_shipped_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -20,11 +22,22 @@ def test_documents_of_shipped_data(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_what_is_missing_is_said_and_not_computed(tmp_path: Path) -> None:
-    made = ["oracle", "difficulty", "attempts"]
+    (tmp_path / "rows" / "oracle-60fps").mkdir(parents=True)
+    settings = oracle.settings(60)
+    row = next(iter(oracle.shipped(60).values()))
+    kept_row(tmp_path / "rows" / "oracle-60fps", "hole", settings, lambda: row)
+    assert run(["analyse", "oracle", "--written-only", "--out", str(tmp_path), "--rows", str(tmp_path / "rows")]) == 0
+    assert "Still missing" in (tmp_path / "oracle.md").read_text()
+
+
+def test_documents_without_rows_stay_as_they_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = ["oracle", "difficulty", "protocols", "attempts", "imagination", "claims"]
+    for name in made:
+        (tmp_path / f"{name}.md").write_text("as it was")
     where = ["--out", str(tmp_path), "--rows", str(tmp_path / "none")]
     assert run(["analyse", *made, "--written-only", *where]) == 0
-    for name in made:
-        assert "Still missing" in (tmp_path / f"{name}.md").read_text()
+    assert capsys.readouterr().out.count("its document stays as it is") == len(made)
+    assert {(tmp_path / f"{name}.md").read_text() for name in made} == {"as it was"}
     assert not (tmp_path / "none").exists()
 
 

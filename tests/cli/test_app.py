@@ -163,8 +163,9 @@ def test_a_missing_extra_is_named(capsys: pytest.CaptureFixture[str], monkeypatc
 
 
 @pytest.mark.slow
-def test_output_that_nobody_reads_is_no_error() -> None:
-    command = [sys.executable, "-m", "iphyre_jax", "--help"]
+@pytest.mark.parametrize("argument", ["--help", "games"])  # printed by the parser, and by rich
+def test_output_that_nobody_reads_is_no_error(argument: str) -> None:
+    command = [sys.executable, "-m", "iphyre_jax", argument]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -44,6 +44,8 @@ def test_an_ensemble_is_written_beside_the_run(
         assert train.run(train.Train(config, folder), Console(width=120)) == 0
     alone = (folders[0] / "evaluation.json").read_bytes()
     capsys.readouterr()
+    with pytest.raises(ValueError, match=r"^ensemble: expected runs of different seeds, got 0, 0$"):
+        train.run(train.Evaluate(folders[0], ensemble=(folders[0],)), Console(width=120))
     assert train.run(train.Evaluate(folders[0], ensemble=(folders[1],)), Console(width=120)) == 0
     assert str(folders[0] / "ensemble.md") in capsys.readouterr().out.replace("\n", "")
     content = read_json_object(folders[0] / "ensemble.json")

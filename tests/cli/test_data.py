@@ -37,6 +37,7 @@ def test_plans_of_a_pretrained_policy(tmp_path: Path, capsys: pytest.CaptureFixt
     assert run([*SMALL, *options]) == 0
     made = load_dataset(tmp_path / "p.npz")
     assert len(made)
+    assert (made.fps, made.manifest["rule"], made.manifest["resets"]) == (10, "in_advance", 2)  # as it was trained
     times = made.times[~np.isnan(made.times)]
     np.testing.assert_allclose(times, np.rint(times * 10) / 10, atol=1e-6)
     if made.manifest["scenes"][0]["iterations"] is None:
@@ -47,10 +48,15 @@ def test_plans_of_a_pretrained_policy(tmp_path: Path, capsys: pytest.CaptureFixt
     ("arguments", "message"),
     [
         (["collect", "hole"], "out: expected the file to write, --out NAME.npz"),
-        ([*SMALL, "--out", "a.npz", "--distribution", "policy"], "policy: expected one for --distribution policy"),
+        ([*SMALL, "--out", "a.npz", "--policy", "ppo-i"], "policy: expected none without --distribution policy"),
         (["collect", "nothing", "--out", "a.npz"], "scene: expected the name of a game"),
         (["collect", "hole", "--out", "a.npz", "--fps", "0"], "fps: expected a positive whole number"),
-        (["collect", "--verify", "missing.npz"], "missing.json"),
+        (["collect", "--verify", "missing.npz"], "missing.npz"),
+        (["collect", "--verify", "a.npz", "hole"], "games: expected none with --verify"),
+        (["collect", "--source", "a.npz", "--named", "test"], "source: expected none with --named"),
+        (["collect", "--named", "test", "--seed", "9"], "seed: expected none with --named"),
+        (["collect", "--source", "a.npz", "--out", "b.npz", "--fps", "10"], "fps: expected none with --source"),
+        (["collect", "hole", "--out", "a.npz", "--distribution", "policy"], "policy: expected a pretrained policy"),
         (["collect", "--source", "missing.json", "--out", "a.npz"], "missing.json"),
         ([*SMALL, "--out", "a.txt"], "path: expected the path of a data set"),
     ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -251,6 +251,21 @@ def test_bad_actions_get_one_line_before_jax_sees_them(case: str) -> None:
         env.step(jax.random.key(0), state, action, params)
     assert str(caught.value).startswith(f"action: {message}")
     assert "\n" not in str(caught.value)
+
+
+def test_another_environments_params_and_state_are_refused() -> None:
+    """The host would meet a topology that it has no program for, inside its callback."""
+    env, params = environment()
+    key, action = jax.random.key(0), env.action_space().sample(jax.random.key(0))
+    state = jax.eval_shape(env.reset, key, params)[1]  # nothing is compiled
+    others = make("in-advance/basic-v1")[1], make("in-advance/support-v1", backend="xla")[1]
+    for other in others:
+        for call in (partial(env.reset, key), partial(env.reset_to, 0), partial(env.step, key, state, action)):
+            with pytest.raises(ValueError, match=r"^params: expected those of this environment"):
+                call(other)
+    traced, own = make("in-advance/support-v1", backend="xla")
+    with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this"):
+        traced.step(key, state, action, own)
 
 
 def test_bad_scenes_are_refused() -> None:

@@ -46,6 +46,7 @@ def test_bad_evaluations_get_one_line() -> None:
     for options, message in (
         ({"split": "bascic"}, "split: expected all, basic"),
         ({"split": []}, "scenes: expected a sequence"),
+        ({"split": ["hole", "support", "hole"]}, "split: expected scenes of different names, got 'hole' twice"),
         ({"strategy": "guess"}, "strategy: expected one of in-advance, on-the-fly, combined"),
         ({"protocol": "human"}, "protocol: expected one of"),
         ({"episodes": 0}, "episodes: expected a whole number of at least 1"),

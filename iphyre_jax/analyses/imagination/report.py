@@ -46,6 +46,12 @@ def compute(folder: Path, game: str) -> None:
         _real(folder, game, how)
 
 
+def is_whole(folder: Path) -> bool:
+    """Return whether a folder has all rows."""
+    kept = {how.name for how in ALL} | {f"played-{how.proposals}" for how in ALL}
+    return all((folder / name / f"{game}.json").is_file() for name in kept for game in GAMES)
+
+
 def _real(folder: Path, game: str, how: Imagination) -> Floats:
     return real(folder, game, how.proposals, HEADLINE.draws if how.proposals == "random" else how.draws)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any, Final
 
@@ -45,6 +45,7 @@ class HostParams(EnvParams):
     scenes: jax.Array  # (games, words): an id of two words, features, then see `scene_layout`; padded
     ids: jax.Array  # (games,) int32, see `topology_id`
     features: Features  # of each game, padded to the largest; only pictures need them
+    made_for: str = field(metadata={"static": True})
 
     @property
     def topology_id(self) -> jax.Array:
@@ -69,6 +70,8 @@ class HostState(EnvState):
 class HostWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
+    state_type = HostState
+
     def params(self, scenes: Sequence[Scene]) -> HostParams:
         """Return scenes as parameters."""
         built = [self.world_of(scene) for scene in scenes]
@@ -80,7 +83,7 @@ class HostWorlds(Worlds):
             table[k, : len(row)] = row
         with jax.enable_x64(self.dtype == "float64"):
             stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *features)
-            return HostParams(jnp.asarray(table), jnp.asarray(topology_id, jnp.int32), stacked)
+            return HostParams(jnp.asarray(table), jnp.asarray(topology_id, jnp.int32), stacked, self.made_for)
 
     def _row(self, topology: Topology, world: Any, features: Features) -> Words:  # noqa: ANN401 - NumPy arrays
         """Return a packed scene, its id in front."""
@@ -109,7 +112,7 @@ class HostWorlds(Worlds):
             features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
             row = one._row(topology, world, features)
             stacked = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], features)
-            return topology, HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked)
+            return topology, HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked, one.made_for)
 
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return the observation and the state of an episode before its first step."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
 
@@ -35,6 +35,7 @@ class TracedParams(EnvParams):
 
     table: Games
     features: Features  # of each game, as in `table.scenes`; for what is not asked in lanes, as pictures
+    made_for: str = field(metadata={"static": True})
 
     @property
     def topology_id(self) -> jax.Array:
@@ -59,6 +60,8 @@ class TracedState(EnvState):
 class TracedWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
+    state_type = TracedState
+
     @property
     def traced(self) -> TracedStep:
         """The decision of these worlds."""
@@ -80,7 +83,8 @@ class TracedWorlds(Worlds):
                 starts.append(_start(self.traced, topology_id, scene))
                 scenes.append(scene)
             ids = jnp.asarray([topology_id for topology_id, _, _ in games], jnp.int32)
-            return TracedParams(Games(ids, _table(scenes), _table(starts)), _table([own for _, _, own in games]))
+            table = Games(ids, _table(scenes), _table(starts))
+            return TracedParams(table, _table([own for _, _, own in games]), self.made_for)
 
     def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
         """Return a packed scene, (rows,)."""

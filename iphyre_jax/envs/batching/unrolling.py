@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_instance, check_integers, check_whole
+from iphyre_jax.checks import check_instance, check_integers, check_whole, show
 from iphyre_jax.envs.arguments import check_batch, check_key, check_params, check_policy
 from iphyre_jax.envs.core import NO_GAME, Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
@@ -58,7 +58,7 @@ class Batch:
             ValueError: games are not such rows; one line.
         """
         check_fork()
-        check_params(params)
+        check_params(params, environment.worlds)
         rows = check_integers("games", games, "integers, one for each world", 1)
         if not rows.size:
             raise ValueError("games: expected integers, one for each world, got none")
@@ -140,7 +140,10 @@ def _unroll(
         return environment.has_ended(environment.worlds.status(batch.params, state))
 
     def one(state: EnvState, obs: jax.Array, ended: jax.Array, key: jax.Array, game: jax.Array) -> tuple[Any, Steps]:
-        action, extras = policy(weights, key, obs)
+        decided = policy(weights, key, obs)
+        if not isinstance(decided, tuple) or len(decided) != 2:
+            raise ValueError(f"policy: expected a pair (action, extras), got {show(decided)}")
+        action, extras = decided
         action = environment.action_space().array(action)
         obs, state, reward, terminated, truncated, info = environment.step_to(state, action, batch.params, game)
         # Carried on: a state that is read after its step is copied before it.

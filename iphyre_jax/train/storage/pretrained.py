@@ -12,7 +12,7 @@ NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -27,7 +27,8 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm, init
-from iphyre_jax.train.evaluate import Evaluation
+from iphyre_jax.train.evaluate import Evaluation, evaluate
+from iphyre_jax.train.observations import observation_length
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
@@ -60,12 +61,37 @@ class Pretrained:
     origin: Mapping[str, Any]
 
     def greedy(self, observation: jax.Array) -> jax.Array:
-        """The preferred action for each observation (B, D), as the strategy's environment takes it."""
-        return algorithm(self.config).greedy(self.state, observation)
+        """The likeliest action for each observation (B, D), as the strategy's environment takes it.
+
+        On the fly the scores are those of `greedy_policy`, which acts at the median of the policy's time.
+
+        Raises:
+            ValueError: an observation of another shape; one line.
+        """
+        return algorithm(self.config).greedy(self.state, self._checked(observation))
+
+    def greedy_policy(self) -> Callable[[jax.Array], jax.Array]:
+        """The preferred actions of B whole episodes, as the scores have them.
+
+        Call it with the observations (B, D) of each decision in turn; begin the next episodes with a new one.
+        """
+        preferred = algorithm(self.config).greedy_policy(self.state)
+        return lambda observation: preferred(self._checked(observation))
 
     def act(self, key: jax.Array, observation: jax.Array) -> jax.Array:
-        """A sampled action for each observation (B, D), as the agent plays to learn."""
-        return algorithm(self.config).sample_action(self.state, key, observation).action
+        """A sampled action for each observation (B, D), as the agent plays to learn; errors as `greedy`."""
+        return algorithm(self.config).sample_action(self.state, key, self._checked(observation)).action
+
+    def evaluate(self, games: Sequence[str] = GAMES) -> Evaluation:
+        """Play games as the scores were played: once greedily, and with sampled actions; see `train.evaluate`."""
+        return evaluate(self.config, self.state, games)
+
+    def _checked(self, observation: jax.Array) -> jax.Array:
+        config = self.config
+        size = observation_length(config.strategy, config.observation, bool(config.prediction))
+        if jnp.ndim(observation) != 2 or jnp.shape(observation)[1] != size:
+            raise ValueError(f"observation: expected shape (B, {size}), got {jnp.shape(observation)}")
+        return observation
 
 
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:

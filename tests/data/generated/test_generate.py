@@ -239,7 +239,7 @@ def test_the_shipped_scenes_are_described(capsys: pytest.CaptureFixture[str]) ->
         (["--out", "a.txt"], "path: expected the path of a data set"),
         (["--out", "a.npz", "--count", "0"], "count: expected a whole number of at least 1"),
         (["--out", "a.npz", "--seed", "-1"], "seed: expected a whole number of at least 0"),
-        (["--describe", "missing.npz"], "missing.json"),
+        (["--describe", "missing.npz"], "missing.npz"),
     ],
 )
 def test_mistakes_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -100,6 +100,8 @@ def test_bad_batches_get_one_line(two: str) -> None:
             Batch.of(env, params, games)
         assert "\n" not in str(caught.value)
     batch = Batch.of(env, params, [0])
+    with pytest.raises(ValueError, match=r"^policy: expected a pair \(action, extras\), got"):
+        unroll(env, lambda weights, key, obs: jnp.int32(0), (), batch, jax.random.key(0), decisions=1)
     for decisions in (0, True, 1.5):
         with pytest.raises(ValueError, match=r"^decisions: expected a whole number"):
             unroll(env, hasty, (), batch, jax.random.key(0), decisions=decisions)

@@ -65,6 +65,6 @@ def test_cells() -> None:
 
 def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["classifier", "evaluate", str(tmp_path)]) == cli.ERROR
-    assert "not evaluated yet" in capsys.readouterr().err
+    assert "not a run folder, there is no config.json" in capsys.readouterr().err
     assert cli.run(["classifier", "train", "nothing"]) == cli.ERROR
     assert capsys.readouterr().err.startswith("iphyre-jax: row: expected one of paper-global, ")

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from benchmarks.learning.rows import rows
+from iphyre_jax import make
 from iphyre_jax.train import trainer
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.observations import start_observations
@@ -104,6 +106,30 @@ def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
         assert dataclasses.replace(policy.config, seed=0, pool_sha256="") == row
         assert name.startswith(policy.config.paper_name.lower())
         assert set(policy.scores["splits"]) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic", "all"}
+
+
+def test_greedy_episodes_on_the_fly_are_those_of_the_scores() -> None:
+    policy = load_pretrained("ppo-o")
+    env, params = make(f"on-the-fly/{GAMES[0]}-v1", observation=policy.config.observation, autoreset=False)
+    step = jax.jit(env.step)
+    obs, state = env.reset(jax.random.key(0), params)
+    preferred, reward = policy.greedy_policy(), 0.0
+    for _ in range(env.strategy.decisions):
+        obs, state, gained, *_ = step(jax.random.key(0), state, preferred(obs[None])[0], params)
+        reward += float(gained)
+    shipped = {game["game"]: game["greedy"]["reward"] for game in policy.scores["games"]}
+    assert reward == pytest.approx(shipped[GAMES[0]], abs=0.5)
+
+
+def test_other_observations_are_one_line() -> None:
+    policy = load_pretrained("ppo-i")
+    for obs in (np.zeros(120, np.float32), np.zeros((2, 122), np.float32)):
+        for act in (policy.greedy, policy.greedy_policy(), partial(policy.act, jax.random.key(0))):
+            with pytest.raises(ValueError, match=r"^observation: expected shape \(B, 120\), got"):
+                act(obs)
+    for strategy, observation in (("in_advance", "official"), ("in-advance", "motoin")):
+        with pytest.raises(ValueError, match=r"^(strategy|observation): expected one of"):
+            start_observations(strategy, observation, GAMES)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["ppo-i", "ddpg-i"])
