@@ -131,9 +131,8 @@ def _check_options(command: Collect) -> None:
         for entry in fields(command):
             given = getattr(command, entry.name)
             if entry.name not in (way, *read) and given != entry.default:
-                raise ValueError(
-                    f"{entry.name}: expected none with --{way}, got {show(str(given) if isinstance(given, Path) else given)}"
-                )
+                shown = str(given) if isinstance(given, Path) else given
+                raise ValueError(f"{entry.name}: expected none with --{way}, got {show(shown)}")
 
 
 def _run(command: Collect, console: Console, report: Callable[[str], None]) -> int:
