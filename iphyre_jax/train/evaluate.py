@@ -23,7 +23,7 @@ SCHEMA = "iphyre_jax/evaluation"
 VERSION = 3
 READABLE = (2, 3)  # version 2 has older names of settings, and the same games
 MEANS = ("reward", "success", "eliminations", "seconds")
-SEED_STREAM = 1  # folded into the run's seed, so that evaluation draws other numbers than training
+SEED_STREAM = 1  # folded into the run's seed; training derives its keys from the same one, for draws of other shapes
 
 
 @dataclass(frozen=True)

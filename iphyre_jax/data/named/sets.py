@@ -168,7 +168,8 @@ def named_set(
         fps: physics steps a second. 10: as in the official environment for agents that plan ahead, which rounds to
             0.1 s and plays in the second reset. Sets of different rates must not be mixed.
         sequences: whether it has the poses of what moves.
-        games: only these games of the set; None for all.
+        games: of the set; None for all. With some, plans of "pairs", "variations" and "graded" are other ones than in
+            the whole set, and what is said of shared plays holds for sets of the same `games` and `scale`.
         scale: divides the numbers of plays, for trials.
         folder: where data sets are kept; by default `datasets` in the cache folder of compiled programs.
         report: called with a line of progress.
