@@ -49,7 +49,8 @@ class PolicyGradient:
     ent_coef: float = 0.01
     """Weight of the entropy bonus (nats per block)."""
     critic: bool = False
-    """Train a value network as the baseline. Without one, the mean return of a scene's episodes is the baseline."""
+    """Train a value network as the baseline. Without one, the mean of a scene's episodes is the baseline, and a reward
+    k decisions later counts (gamma gae_lambda)^k, since there are no values to take its place."""
     vf_coef: float = 0.5
     """Weight of the value loss."""
     gamma: float = 1.0
