@@ -20,14 +20,14 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.scene_features import feature_shapes
 from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
-from iphyre_jax.execution.devices import traced_lanes
+from iphyre_jax.execution.devices import on_cpu, traced_lanes
 from iphyre_jax.execution.layout import WORD, Layout, Parts, write_transposed
 from iphyre_jax.execution.one_function import in_branch, in_one_function
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.execution.rowwise import rowwise
 from iphyre_jax.observations.features import Features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
-from iphyre_jax.physics.lanes import materialize
+from iphyre_jax.physics.lanes import any_lane, any_set, materialize, read, take_first, write
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import EpisodeState, reset_episode
 from iphyre_jax.scenes import Limits
@@ -108,8 +108,15 @@ class TracedStep:
         inputs = self._obs_inputs(features, status, episode)
         return Episode(self._packed(topology, status, episode), observe(features, inputs, no_op=self.no_op))
 
-    def play(self, topology: Topology, timing: Timing, scene: Parts, start: Episode, given: StepInput) -> StepOutput:
-        """Play one decision of worlds of one topology, lanes behind their rows; start: of the next episodes."""
+    def play(
+        self, topology: Topology, timing: Timing, scene: Parts, start: Episode | None, given: StepInput
+    ) -> tuple[StepOutput, jax.Array]:
+        """Play one decision of worlds of one topology, lanes behind their rows.
+
+        Returns:
+            What it leaves, and the lanes where the next episode follows. With `start`, the next episodes before their
+            first step, those are begun; without it, they are left to `_begin`.
+        """
         slots, first = self.limits.blocks, self.status_words
         features, world = self.scene_layout(topology).join(scene)
 
@@ -127,12 +134,15 @@ class TracedStep:
                 ended & (given.next_game >= 0),
             )
 
-        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> StepOutput:
+        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> tuple[StepOutput, jax.Array]:
             final = Episode(state, observe(features, inputs, no_op=self.no_op))
+            out = StepOutput(final, state.whole[:first], (final,) if self.keep_final else ())
+            if start is None:
+                return out, follows
             whole = jnp.concatenate([given.next_game[None].astype(state.whole.dtype), start.state.whole[1:]])
             fresh = start._replace(state=start.state._replace(whole=whole))
             now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
-            return StepOutput(now, state.whole[:first], (final,) if self.keep_final else ())
+            return out._replace(now=now), follows
 
         return materialize(partial(left, *materialize(played)))
 
@@ -234,6 +244,8 @@ def _decide(
     if not size:
         return step.blank(0)
     lanes, is_single = min(size, traced_lanes()), games.topology_id.shape[0] == 1
+    # To gather and turn over what few lanes need costs a CPU more than to copy it row by row.
+    by_rows = on_cpu() and not is_single
 
     def play(
         topology: Topology, timing: Timing, games: Games, given: StepInput, out: StepOutput, first: jax.Array
@@ -246,9 +258,11 @@ def _decide(
             return table.at[game].get(mode="clip").T
 
         scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
-        start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game), games.start)
-        tables = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
-        return jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
+        next_row = given.first_game + given.next_game
+        start = None if by_rows else jax.tree.map(partial(rows_of, game=next_row), games.start)
+        tables, follows = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
+        out = jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
+        return out._replace(now=_begin(out.now, games.start, given, follows, first)) if by_rows else out
 
     branches = [partial(play, topology) for topology in step.topologies]
     if len(branches) > 1:
@@ -260,3 +274,24 @@ def _decide(
 
     # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.
     return in_branch(timing.dt > 0, lambda: call(run, timing, games, given))
+
+
+def _begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, first: jax.Array) -> Episode:
+    """Return episodes, one a row, some of them begun.
+
+    Args:
+        now: episodes; those of the lanes begin at row `first`.
+        starts: of all games, before their first step.
+        given: of the lanes.
+        follows: (lanes,) bool, where the next game begins.
+        first: () int32.
+    """
+
+    def copy(carry: tuple[tuple[jax.Array, ...], Episode]) -> tuple[tuple[jax.Array, ...], Episode]:
+        lane, left = take_first(carry[0])
+        game = given.next_game[lane]
+        start = read(starts, given.first_game[lane] + game)
+        whole = start.state.whole.at[GAME].set(game.astype(start.state.whole.dtype))
+        return left, write(carry[1], first + lane, start._replace(state=start.state._replace(whole=whole)))
+
+    return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]
