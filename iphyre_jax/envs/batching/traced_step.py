@@ -1,33 +1,26 @@
-"""One decision of many worlds of several topologies, inside the user's program.
+"""One decision of a group of worlds of one topology, inside the user's program; lanes are behind, see `physics.types`.
 
-A topology decides what is compiled. So a batch is sorted by topology and played in groups of lanes (trailing axes, see
-`physics.types`), each by the code of its topology. The tables of all topologies are padded behind to the largest, which
-changes nothing: a world is computed as in a batch of its own topology.
+The tables of all topologies are padded behind to the largest, which changes nothing: a world is computed as in a batch
+of its own topology.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
 
 from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.scene_features import feature_shapes
-from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
-from iphyre_jax.execution.devices import on_cpu, traced_lanes
-from iphyre_jax.execution.layout import WORD, Layout, Parts, write_transposed
-from iphyre_jax.execution.one_function import in_branch, in_one_function
+from iphyre_jax.execution.layout import WORD, Layout, Parts
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.execution.rowwise import rowwise
 from iphyre_jax.observations.features import Features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
-from iphyre_jax.physics.lanes import any_lane, any_set, materialize, read, take_first, write
+from iphyre_jax.physics.lanes import materialize
 from iphyre_jax.physics.types import Timing, Topology, World
 from iphyre_jax.rollouts import EpisodeState, reset_episode
 from iphyre_jax.scenes import Limits
@@ -166,132 +159,7 @@ class TracedStep:
         pose, bodies = pose_of(features, status.present, episode), episode.state.motion
         return obs_inputs(self.observation, features, pose, bodies, status.step, jnp.asarray(self.steps))
 
-    def decide(self, timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        """Play one decision of a batch.
-
-        Args:
-            timing: of the physics step; the same for all worlds of a batch.
-            games: of all worlds.
-            given: one world a row.
-        """
-        return _differentiable(self)(timing, games, given)
-
 
 @lru_cache(1024)
 def _scene_layout(topology: Topology, limits: Limits, dtype: str) -> Layout:
     return Layout.of((feature_shapes((topology,), limits, dtype), World.shapes(topology, dtype)), dtype)
-
-
-Decide = Callable[[Timing, Games, StepInput], StepOutput]
-
-
-@lru_cache(64)
-def _differentiable(step: TracedStep) -> Decide:
-    """Return `_vmappable` with its own derivative, that of the plain program."""
-    decide = jax.custom_jvp(_vmappable(step))
-
-    @decide.defjvp
-    def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[StepOutput, StepOutput]:
-        def plain(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-            return _decide(step, lambda work, *arguments: work(*arguments), (timing, games), given)
-
-        both: tuple[StepOutput, StepOutput] = jax.jvp(plain, primals, tangents)
-        return both
-
-    return decide
-
-
-def _vmappable(step: TracedStep) -> Decide:
-    """Return `_decide` with its own rule for `jax.vmap`: axes in front join that of the batch."""
-
-    @custom_vmap
-    @jax.jit
-    def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        return rowwise(partial(_decide, step, in_one_function), (timing, games), given)
-
-    @decide.def_vmap
-    def batched(
-        size: int, mapped: Sequence[object], timing: Timing, games: Games, given: StepInput
-    ) -> tuple[StepOutput, StepOutput]:
-        if any(jax.tree.leaves(mapped[0])):
-            raise ValueError("timing: expected the same for all worlds of a batch, got one that is mapped over")
-
-        def with_axis(leaf: jax.Array, has_axis: bool) -> jax.Array:
-            return leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
-
-        def without_axis(leaf: jax.Array) -> jax.Array:
-            return leaf.reshape(size * leaf.shape[1], *leaf.shape[2:])
-
-        given = jax.tree.map(with_axis, given, mapped[2])
-        if any(jax.tree.leaves(mapped[1])):  # each world has games of its own: stack them
-            games = jax.tree.map(with_axis, games, mapped[1])
-            first = games.topology_id.shape[1] * jnp.arange(size, dtype=jnp.int32)
-            given = given._replace(first_game=given.first_game + first[:, None])
-            games = jax.tree.map(without_axis, games)
-        each = given.next_game.shape[1]
-        out = decide(timing, games, jax.tree.map(without_axis, given))
-        out = jax.tree.map(lambda leaf: leaf.reshape(size, each, *leaf.shape[1:]), out)
-        return out, jax.tree.map(lambda _: True, out)
-
-    return decide
-
-
-def _decide(
-    step: TracedStep, call: Callable[..., StepOutput], shared: tuple[Timing, Games], given: StepInput
-) -> StepOutput:
-    """Do what `TracedStep.decide` says; call(work, *arguments) returns what work(*arguments) does."""
-    (timing, games), size = shared, given.next_game.shape[0]
-    if not size:
-        return step.blank(0)
-    lanes, is_single = min(size, traced_lanes()), games.topology_id.shape[0] == 1
-    # To gather and turn over what few lanes need costs a CPU more than to copy it row by row.
-    by_rows = on_cpu() and not is_single
-
-    def play(
-        topology: Topology, timing: Timing, games: Games, given: StepInput, out: StepOutput, first: jax.Array
-    ) -> StepOutput:
-        """Play worlds of one topology, one a row, and write what they leave into `out`, from row `first` on."""
-
-        def rows_of(table: jax.Array, game: jax.Array) -> jax.Array:
-            if is_single:  # no lookup: all lanes play the one game
-                return jnp.broadcast_to(table[0][:, None], (table.shape[1], lanes))
-            return table.at[game].get(mode="clip").T
-
-        scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
-        next_row = given.first_game + given.next_game
-        start = None if by_rows else jax.tree.map(partial(rows_of, game=next_row), games.start)
-        tables, follows = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
-        out = jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
-        return out._replace(now=_begin(out.now, games.start, given, follows, first)) if by_rows else out
-
-    branches = [partial(play, topology) for topology in step.topologies]
-    if len(branches) > 1:
-        own = [partial(call, branch, timing, games) for branch in branches]
-        return run_sorted(own, lanes, games.topology_id[given.row], given, step.blank(size))
-
-    def run(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        return run_slices(partial(branches[0], timing, games), lanes, given, step.blank(size))
-
-    # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.
-    return in_branch(timing.dt > 0, lambda: call(run, timing, games, given))
-
-
-def _begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, first: jax.Array) -> Episode:
-    """Return episodes, one a row, some of them begun.
-
-    Args:
-        now: episodes; those of the lanes begin at row `first`.
-        starts: of all games, before their first step.
-        given: of the lanes.
-        follows: (lanes,) bool, where the next game begins.
-        first: () int32.
-    """
-
-    def copy(carry: tuple[tuple[jax.Array, ...], Episode]) -> tuple[tuple[jax.Array, ...], Episode]:
-        lane, left = take_first(carry[0])
-        game = given.next_game[lane]
-        start = read(starts, given.first_game[lane] + game)
-        whole = start.state.whole.at[GAME].set(game.astype(start.state.whole.dtype))
-        return left, write(carry[1], first + lane, start._replace(state=start.state._replace(whole=whole)))
-
-    return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]

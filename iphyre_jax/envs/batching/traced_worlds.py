@@ -13,6 +13,7 @@ import numpy as np
 
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
+from iphyre_jax.envs.batching.traced_batch import decide
 from iphyre_jax.envs.batching.traced_step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution.layout import Parts
@@ -124,7 +125,7 @@ class TracedWorlds(Worlds):
         timing = _opaque(step_timing(self.protocol.fps, self.dtype))
         request = jnp.concatenate([plan, stop_step[None], executed.astype(jnp.int32)])
         given = StepInput(state.parts, request, jnp.asarray(next_game, jnp.int32), jnp.zeros((), jnp.int32))
-        out = self.traced.decide(timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
+        out = decide(self.traced, timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
         out = jax.tree.map(lambda leaf: leaf[0], out)
         final_state, final_obs = (TracedState(out.final[0].state), out.final[0].obs) if out.final else (None, None)
         before, after = self.status(params, state), unpack_status(out.status)
