@@ -64,7 +64,7 @@ class StepResult(NamedTuple):
 
 @dataclass(frozen=True)
 class Worlds(ABC):
-    """Resets, plays and observes episodes of one world; `jax.vmap` makes batches. `host_worlds`, `traced_worlds`.
+    """Resets, plays and observes episodes of one world; `jax.vmap` makes batches. `host.worlds`, `traced.worlds`.
 
     Hashable. Attributes are those of `Environment`. no_op: whether observations have a candidate that does nothing;
     keep_final: whether `step` also returns an ended episode before its reset.

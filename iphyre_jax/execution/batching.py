@@ -1,6 +1,6 @@
 """Group worlds of many scenes: a group is worlds of one topology that run side by side, one a lane.
 
-Everything that plays many worlds outside the user's program groups them here. `envs.batching.sorting` does the same
+Everything that plays many worlds outside the user's program groups them here. `envs.traced.sorting` does the same
 inside a traced program.
 """
 

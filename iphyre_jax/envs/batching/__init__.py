@@ -1,1 +1,1 @@
-"""One decision of many worlds of any games: on the host, or inside the user's program."""
+"""What worlds on the host and inside of the user's program share, and many decisions of a batch (`unroll`)."""

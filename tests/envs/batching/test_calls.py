@@ -7,10 +7,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from iphyre_jax.envs.batching import packed_scenes
-from iphyre_jax.envs.batching.game_table import STEPS_OF_A_CALL, GameTable, ProgramCall
-from iphyre_jax.envs.batching.packed_scenes import PackedScenes
-from iphyre_jax.envs.batching.step_program import GROUPS, EnvStep, scene_layout
+from iphyre_jax.envs.host import packed_scenes
+from iphyre_jax.envs.host.game_table import STEPS_OF_A_CALL, GameTable, ProgramCall
+from iphyre_jax.envs.host.packed_scenes import PackedScenes
+from iphyre_jax.envs.host.step_program import GROUPS, EnvStep, scene_layout
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 

@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from iphyre_jax.envs.batching.game_table import GameTable, Ints, ProgramCall
-from iphyre_jax.envs.batching.step_program import EnvStep
+from iphyre_jax.envs.host.game_table import GameTable, Ints, ProgramCall
+from iphyre_jax.envs.host.step_program import EnvStep
 from iphyre_jax.execution.compilation.client import aligned
 from iphyre_jax.execution.layout import fill_lanes
 

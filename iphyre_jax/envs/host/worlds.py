@@ -1,6 +1,6 @@
 """Worlds on a CPU: the host plays the episodes, in executables from compiler processes.
 
-Inside a user's program a decision is one callback, in which the host plays the whole batch on all cores (`host_step`).
+Inside a user's program a decision is one callback, in which the host plays the whole batch on all cores (`host.step`).
 So the program compiles in a second whatever its games, and runs at the engine's speed. A callback is a pure function of
 its arguments: JAX may drop it or call it twice.
 """
@@ -18,12 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental.buffer_callback import buffer_callback
 
-from iphyre_jax.envs.batching.host_calls import reset_episodes, step_episodes
-from iphyre_jax.envs.batching.host_observations import HostObservations
-from iphyre_jax.envs.batching.host_step import ID_WORDS, HostStep
 from iphyre_jax.envs.batching.scene_features import feature_numbers, feature_shapes
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
-from iphyre_jax.envs.batching.step_program import EnvStep, scene_layout
+from iphyre_jax.envs.host.calls import reset_episodes, step_episodes
+from iphyre_jax.envs.host.observations import HostObservations
+from iphyre_jax.envs.host.step import ID_WORDS, HostStep
+from iphyre_jax.envs.host.step_program import EnvStep, scene_layout
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.devices import lanes_of

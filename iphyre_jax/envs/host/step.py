@@ -12,11 +12,11 @@ from typing import Final
 import jax
 import numpy as np
 
-from iphyre_jax.envs.batching.game_table import Floats, GameTable, Ints, ProgramCall
-from iphyre_jax.envs.batching.host_observations import HostObservations
-from iphyre_jax.envs.batching.packed_scenes import PackedScenes
 from iphyre_jax.envs.batching.status import FAULT, STEP, SUCCESS, status_words
-from iphyre_jax.envs.batching.step_program import GROUPS, RESET, EnvStep
+from iphyre_jax.envs.host.game_table import Floats, GameTable, Ints, ProgramCall
+from iphyre_jax.envs.host.observations import HostObservations
+from iphyre_jax.envs.host.packed_scenes import PackedScenes
+from iphyre_jax.envs.host.step_program import GROUPS, RESET, EnvStep
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration, interrupts
 from iphyre_jax.execution.compilation.client import ClientArray, aligned

@@ -13,9 +13,9 @@ import numpy as np
 
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
-from iphyre_jax.envs.batching.traced_batch import decide
-from iphyre_jax.envs.batching.traced_step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.envs.traced.batch import decide
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.execution.layout import Parts
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, own_features, scene_tables

@@ -1,7 +1,7 @@
 """One decision of a batch of worlds of several topologies, inside the user's program.
 
 A topology decides what is compiled. So a batch is sorted by topology and played in groups of lanes, each by the code of
-its topology (`traced_step`). It has rules of its own for `jax.vmap`, for derivatives and for several devices.
+its topology (`traced.step`). It has rules of its own for `jax.vmap`, for derivatives and for several devices.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.batching.sorting import run_slices, run_sorted
 from iphyre_jax.envs.batching.status import GAME
-from iphyre_jax.envs.batching.traced_step import Episode, Games, StepInput, StepOutput, TracedStep
+from iphyre_jax.envs.traced.sorting import run_slices, run_sorted
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import on_cpu, traced_lanes
 from iphyre_jax.execution.layout import write_transposed
 from iphyre_jax.execution.one_function import in_branch, in_one_function

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batching.host_observations import HostObservations
-from iphyre_jax.envs.batching.step_program import GROUPS, EnvStep, scene_layout
+from iphyre_jax.envs.host.observations import HostObservations
+from iphyre_jax.envs.host.step_program import GROUPS, EnvStep, scene_layout
 
 STEPS_OF_A_CALL: Final = 48  # at most, all groups together; threads share out a longer decision
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.envs.batching.host_step import HostStep
+from iphyre_jax.envs.host.step import HostStep
 from iphyre_jax.execution.layout import Words
 
 

@@ -52,7 +52,9 @@ class EnvStep:
         *programs.SOURCES,
         "observations/official.py",
         "observations/features.py",
-        *(f"envs/batching/{name}.py" for name in ("step_program", "status", "play_requests")),
+        "envs/host/step_program.py",
+        "envs/batching/status.py",
+        "envs/batching/play_requests.py",
     )
 
     topology: Topology

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.envs.batching.status import FAULT, GAME, PRESENT, STEP
-from iphyre_jax.envs.batching.step_program import BODY_OBS
+from iphyre_jax.envs.host.step_program import BODY_OBS
 from iphyre_jax.execution.layout import pieces, void
 from iphyre_jax.observations.features import Features, motion_size, rows_size
 from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, pair_number

@@ -1,0 +1,1 @@
+"""Worlds inside of the user's program."""
