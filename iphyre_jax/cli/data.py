@@ -111,14 +111,10 @@ def run(command: Collect, console: Console) -> int:
 
 # What each way to make a set reads besides what it writes; the rest would be ignored.
 _WRITTEN: Final = ("out", "official", "minari")
+_CHOSEN: Final = ("games", "fps", "sequences")  # with a source only if it is a folder of official files
 _READ: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "verify": (),
-        "named": ("games", "fps", "sequences", *_WRITTEN),
-        "source": ("games", "fps", "sequences", *_WRITTEN),
-    }
+    {"verify": (), "named": (*_CHOSEN, *_WRITTEN), "source": _WRITTEN}
 )
-_OF_FOLDERS: Final = ("games", "fps", "sequences")  # read with a source that is a folder of official files
 
 
 def _check_options(command: Collect) -> None:
@@ -126,13 +122,15 @@ def _check_options(command: Collect) -> None:
     for way, read in _READ.items():
         if getattr(command, way) is None:
             continue
-        if way == "source" and not Path(command.source or "").is_dir():
-            read = tuple(name for name in read if name not in _OF_FOLDERS)
+        if command.source is not None and command.source.is_dir():
+            read = (*read, *_CHOSEN)
         for entry in fields(command):
             given = getattr(command, entry.name)
             if entry.name not in (way, *read) and given != entry.default:
                 shown = str(given) if isinstance(given, Path) else given
                 raise ValueError(f"{entry.name}: expected none with --{way}, got {show(shown)}")
+    if command.pose_dtype != "float32" and not command.sequences:
+        raise ValueError(f"pose_dtype: expected none without --sequences, got {show(command.pose_dtype)}")
 
 
 def _run(command: Collect, console: Console, report: Callable[[str], None]) -> int:
@@ -163,7 +161,11 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
     if command.named is not None:
         games = _games(command.games) if command.games else None
         return named_set(
-            command.named, fps=command.fps or WORLD_FPS, sequences=command.sequences, games=games, report=report
+            command.named,
+            fps=WORLD_FPS if command.fps is None else command.fps,
+            sequences=command.sequences,
+            games=games,
+            report=report,
         )
     journal = None if command.out is None else command.out.with_suffix(".parts")
     if command.source is not None:
@@ -209,7 +211,7 @@ def _load(command: Collect, journal: Path | None, report: Callable[[str], None])
         return load_official(
             folder,
             games=games,
-            fps=command.fps or WORLD_FPS,
+            fps=WORLD_FPS if command.fps is None else command.fps,
             sequences=command.sequences,
             journal=journal,
             report=report,

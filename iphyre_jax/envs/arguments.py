@@ -43,12 +43,12 @@ def check_params(params: object, worlds: Worlds) -> None:
     if not isinstance(params, EnvParams):
         raise ValueError(f"params: expected the parameters that make has returned, got {show(params)}")
     if params.made_for != worlds.made_for:
-        raise ValueError("params: expected those of this environment, got those of another backend, dtype or topology")
+        raise ValueError("params: expected those of this environment, got those of another")
 
 
 def check_state(state: object, worlds: Worlds) -> None:
-    """Refuse what is not a state of such worlds; ValueError in one line."""
-    check_instance("state", state, worlds.state_type, "a state that reset or step of this environment has returned")
+    """Refuse what is not a state of this backend; ValueError in one line."""
+    check_instance("state", state, worlds.state_type, "a state that reset or step of this backend has returned")
 
 
 def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> None:

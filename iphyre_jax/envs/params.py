@@ -82,8 +82,8 @@ class Worlds(ABC):
 
     @property
     def made_for(self) -> str:
-        """What parameters must be packed for to be played: the class of worlds, topologies, number type and limits."""
-        return _digest(type(self).__name__, self.topologies, self.dtype, self.limits)
+        """What parameters must be made for: all attributes that decide what is in them, as a digest."""
+        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets)
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).
@@ -174,5 +174,6 @@ class Worlds(ABC):
 
 
 @lru_cache(256)
-def _digest(*values: object) -> str:
+def digest_of(*values: object) -> str:
+    """Return the SHA-256 sum of some values' representations."""
     return hashlib.sha256(repr(values).encode()).hexdigest()

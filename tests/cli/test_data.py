@@ -55,6 +55,8 @@ def test_plans_of_a_pretrained_policy(tmp_path: Path, capsys: pytest.CaptureFixt
         (["collect", "--verify", "a.npz", "hole"], "games: expected none with --verify"),
         (["collect", "--source", "a.npz", "--named", "test"], "source: expected none with --named"),
         (["collect", "--named", "test", "--seed", "9"], "seed: expected none with --named"),
+        (["collect", "--named", "test", "--fps", "0"], "fps: expected"),
+        ([*SMALL, "--out", "a.npz", "--pose-dtype", "float64"], "pose_dtype: expected none without --sequences"),
         (["collect", "--source", "a.npz", "--out", "b.npz", "--fps", "10"], "fps: expected none with --source"),
         (["collect", "hole", "--out", "a.npz", "--distribution", "policy"], "policy: expected a pretrained policy"),
         (["collect", "--source", "missing.json", "--out", "a.npz"], "missing.json"),

@@ -14,7 +14,6 @@ import pytest
 import iphyre_jax
 from iphyre_jax import load_scene, make
 from iphyre_jax.envs.batching.status import status_words
-from iphyre_jax.envs.strategies import STRATEGIES
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.scenes.compile import compile_scene
@@ -244,8 +243,7 @@ ACTIONS: dict[str, tuple[str, Any, str]] = {
 @pytest.mark.parametrize("case", ACTIONS)
 def test_bad_actions_get_one_line_before_jax_sees_them(case: str) -> None:
     strategy, action, message = ACTIONS[case]
-    env, params = environment()
-    env = replace(env, strategy=STRATEGIES[strategy])
+    env, params = make(f"{strategy}/support-v1")
     state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]  # nothing is compiled
     with pytest.raises(ValueError) as caught:
         env.step(jax.random.key(0), state, action, params)
@@ -258,14 +256,20 @@ def test_another_environments_params_and_state_are_refused() -> None:
     env, params = environment()
     key, action = jax.random.key(0), env.action_space().sample(jax.random.key(0))
     state = jax.eval_shape(env.reset, key, params)[1]  # nothing is compiled
-    others = make("in-advance/basic-v1")[1], make("in-advance/support-v1", backend="xla")[1]
+    others = (
+        make("in-advance/basic-v1")[1],
+        make("in-advance/support-v1", backend="xla")[1],
+        make("in-advance/support-v1", protocol="smooth")[1],  # of the first reset
+    )
     for other in others:
         for call in (partial(env.reset, key), partial(env.reset_to, 0), partial(env.step, key, state, action)):
             with pytest.raises(ValueError, match=r"^params: expected those of this environment"):
                 call(other)
     traced, own = make("in-advance/support-v1", backend="xla")
-    with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this"):
+    with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this backend"):
         traced.step(key, state, action, own)
+    with pytest.raises(ValueError, match=r"^params: expected those of this environment"):  # of first observations
+        make("on-the-fly/support-v1", backend="xla")[0].reset(key, own)
 
 
 def test_bad_scenes_are_refused() -> None:

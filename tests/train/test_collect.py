@@ -102,6 +102,9 @@ def test_variations_take_the_place_of_games_by_seed_and_update() -> None:
     added = [scene.n_objects for scene in variations("support", 40, 1, 2)]
     assert len(added) == 40 + 2  # 14 of each number
     assert set(added) == {load_scene("support").n_objects + extra for extra in range(3)}
+    mine, others = ({scene.balls.tobytes() for scene in variations("support", 40, seed, 2)} for seed in (1, 2))
+    assert len(mine) > 40 - 2
+    assert not mine & others  # a layout is drawn before its added blocks
     other, _ = training_scenes(config, 6)
     assert list(scenes) == list(again)
     assert list(scenes) != list(other)

@@ -106,9 +106,15 @@ class TracedStep:
     ) -> tuple[StepOutput, jax.Array]:
         """Play one decision of worlds of one topology, lanes behind their rows.
 
+        Args:
+            topology: of the worlds.
+            timing: of the physics step.
+            scene: of each lane.
+            start: the next episodes before their first step; None if `traced.batch` begins them.
+            given: what is played.
+
         Returns:
-            What it leaves, and the lanes where the next episode follows. With `start`, the next episodes before their
-            first step, those are begun; without it, they are left to `_begin`.
+            What it leaves, and (lanes,) bool, where the next episode follows.
         """
         slots, first = self.limits.blocks, self.status_words
         features, world = self.scene_layout(topology).join(scene)

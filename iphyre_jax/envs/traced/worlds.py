@@ -13,7 +13,7 @@ import numpy as np
 
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
-from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds, digest_of
 from iphyre_jax.envs.traced.batch import decide
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.execution.layout import Parts
@@ -62,6 +62,11 @@ class TracedWorlds(Worlds):
     """Worlds of some topologies, see `params.Worlds`."""
 
     state_type = TracedState
+
+    @property
+    def made_for(self) -> str:
+        """See `params.Worlds`; parameters have first observations."""
+        return digest_of(super().made_for, self.observation, self.no_op)
 
     @property
     def traced(self) -> TracedStep:

@@ -135,7 +135,7 @@ def test_other_observations_are_one_line() -> None:
 @pytest.mark.parametrize("name", ["ppo-i", "ddpg-i"])
 def test_a_policy_reaches_the_scores_that_it_ships_with(name: str) -> None:
     policy = load_pretrained(name)
-    found = evaluate(policy.config, policy.state, GAMES)
+    found = policy.evaluate(GAMES)
     shipped = {game["game"]: game["greedy"]["reward"] for game in policy.scores["games"]}
     for game in found.games:
         assert game.greedy.success

@@ -18,6 +18,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax.envs import Environment, EnvParams
 from iphyre_jax.envs.core import BackendName
+from iphyre_jax.envs.traced import batch
 from tests.trees import assert_equal_trees
 
 BACKENDS: tuple[BackendName, ...] = ("host", "xla")
@@ -75,6 +76,21 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
     terminated, truncated = told[0][1][2:4]
     assert (terminated | truncated).any()
     assert told[0][1][4]["eliminations"].max() > 0
+
+
+@pytest.mark.slow
+def test_what_accelerators_do_for_several_games(two: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All lanes choose between their episode and the next one, where a CPU copies rows; bits are the host's."""
+    monkeypatch.setattr(batch, "on_cpu", lambda: False)
+    batch._differentiable.cache_clear()
+    told = []
+    with jax.enable_x64(True):
+        for backend in BACKENDS:  # no other test has these environments: their programs are traced here
+            env, params = iphyre_jax.make(f"on-the-fly/{two}", dtype="float64", protocol="smooth", backend=backend)
+            told.append(played(env, params, actions_of(env, (160, 5))))
+    batch._differentiable.cache_clear()
+    assert_equal_trees(*told)
+    assert (told[0][1][2] | told[0][1][3]).any()
 
 
 @pytest.mark.slow
