@@ -135,9 +135,8 @@ class RunFolders(Generic[S]):
             FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
         """
         file = folder / EVALUATION
-        if not (file.is_file() or (folder / CONFIG).is_file()):
-            raise FileNotFoundError(f"{folder}: not a run folder, there is no {CONFIG}")
         if not file.is_file():
+            self.read_config(folder)  # which tells what is no run folder
             raise FileNotFoundError(f"{folder}: expected a run trained to its end, but there is no {EVALUATION}")
         return read_versioned(file, self.schema, (VERSION,))
 

@@ -15,6 +15,7 @@ from iphyre_jax.checks import check_option
 from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.envs.strategies import STRATEGIES, StrategyName
 from iphyre_jax.observations.features import MOTION_SIZE, ROWS_SIZE
+from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
 
 SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE
@@ -49,11 +50,10 @@ def parts(obs: jax.Array) -> Parts:
     return Parts(rows, candidates, obs[..., moves:predicts], obs[..., predicts:])
 
 
-def observation_length(strategy: StrategyName, observation: str, has_prediction: bool = False) -> int:
+def observation_length(strategy: StrategyName, observation: ObservationName, has_prediction: bool = False) -> int:
     """The number of numbers in an observation."""
-    no_op = 2 if STRATEGIES[strategy].no_op_candidate else 0
-    motion = MOTION_SIZE if observation == "motion" else 0
-    return ROWS_SIZE + no_op + SLOTS_SIZE + motion + ROWS_SIZE * has_prediction
+    candidates = MAX_ELIMINABLE + STRATEGIES[strategy].no_op_candidate
+    return observation_size(observation, MAX_OBJECTS, candidates) + ROWS_SIZE * has_prediction
 
 
 def slot_mask(obs: jax.Array) -> jax.Array:

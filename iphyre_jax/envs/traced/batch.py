@@ -14,7 +14,6 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.traced.sorting import run_slices, run_sorted
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import on_cpu, traced_lanes
@@ -145,7 +144,6 @@ def _begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, 
         lane, left = take_first(carry[0])
         game = given.next_game[lane]
         start = read(starts, given.first_game[lane] + game)
-        whole = start.state.whole.at[GAME].set(game.astype(start.state.whole.dtype))
-        return left, write(carry[1], first + lane, start._replace(state=start.state._replace(whole=whole)))
+        return left, write(carry[1], first + lane, start.of_game(game))
 
     return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]

@@ -32,6 +32,11 @@ class Episode(NamedTuple):
     state: Parts  # (rows,) its status, see `status_rows`, then its physics
     obs: jax.Array  # (numbers,) float32
 
+    def of_game(self, game: jax.Array) -> Episode:
+        """Return it as an episode of a game, () whole number; of lanes behind, (lanes,)."""
+        whole = jnp.concatenate([game[None].astype(self.state.whole.dtype), self.state.whole[GAME + 1 :]])
+        return self._replace(state=self.state._replace(whole=whole))
+
 
 class Games(NamedTuple):
     """Tables of games, one a row."""
@@ -138,8 +143,7 @@ class TracedStep:
             out = StepOutput(final, state.whole[:first], (final,) if self.keep_final else ())
             if start is None:
                 return out, follows
-            whole = jnp.concatenate([given.next_game[None].astype(state.whole.dtype), start.state.whole[1:]])
-            fresh = start._replace(state=start.state._replace(whole=whole))
+            fresh = start.of_game(given.next_game)
             now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
             return out._replace(now=now), follows
 

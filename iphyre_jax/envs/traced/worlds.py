@@ -114,8 +114,7 @@ class TracedWorlds(Worlds):
         """Return the observation and the state of an episode before its first step."""
         row = jnp.asarray(game, jnp.int32)
         start: Episode = jax.tree.map(lambda leaf: leaf[row], params.table.start)
-        whole = jnp.concatenate([row[None].astype(start.state.whole.dtype), start.state.whole[1:]])
-        return start.obs, TracedState(start.state._replace(whole=whole))
+        return start.obs, TracedState(start.of_game(row).state)
 
     def step(
         self,

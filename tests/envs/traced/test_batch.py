@@ -7,7 +7,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.traced import batch
@@ -26,11 +25,11 @@ def episodes(size: int, seed: int) -> Episode:
     return Episode(Parts(whole, numbers), obs)
 
 
-def begun(now: Episode, starts: Episode) -> Episode:
+def begun(now: Episode, starts: Episode, follows: Any = FOLLOWS) -> Episode:
     request = jnp.zeros((LANES, 3), jnp.int32)
     given = StepInput(Parts(now.state.whole[:LANES], now.state.numbers[:LANES]), request, NEXT, FIRST_GAME)
     given = jax.tree.map(jnp.asarray, given)
-    return batch._begin(now, starts, given, jnp.asarray(FOLLOWS), jnp.int32(FIRST))
+    return batch._begin(now, starts, given, jnp.asarray(follows), jnp.int32(FIRST))
 
 
 def expected(now: Any, starts: Any, game: bool) -> Any:
@@ -62,8 +61,6 @@ def test_tangents_of_the_rows_are_copied() -> None:
     np.testing.assert_array_equal(tangent, expected(way, of_starts, False))
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_without_an_end_all_stays(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(globals(), "FOLLOWS", np.zeros(LANES, bool))
-    now = episodes(ROWS, number)
-    jax.tree.map(np.testing.assert_array_equal, begun(now, episodes(GAMES, 1)), now)
+def test_without_an_end_all_stays() -> None:
+    now = episodes(ROWS, 0)
+    jax.tree.map(np.testing.assert_array_equal, begun(now, episodes(GAMES, 1), np.zeros(LANES, bool)), now)
