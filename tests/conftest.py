@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
 os.environ["IPHYRE_JAX_CONFIGURE"] = "off"  # commands run in here would set what holds for the whole process
@@ -18,6 +19,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 import jax
 import pytest
 from hypothesis import HealthCheck, settings
+from jax._src import compiler
 
 from iphyre_jax.execution.compilation import executables
 from iphyre_jax.execution.compilation.executables import Run
@@ -66,15 +68,23 @@ def _is_as_for_users(path: Path) -> bool:
     return path.relative_to(TESTS).as_posix().startswith(AS_FOR_USERS)
 
 
-LLVM_LEVEL = {"--xla_backend_optimization_level": "0"}
+# LLVM's lowest level, and XLA's older loops: the newer ones alone take longer than all else of a quick compilation.
+QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 _quick_programs: dict[Program, Run] = {}
 
 
 @contextmanager
 def quick_jax() -> Iterator[None]:
     """Let JAX compile with few optimisations in this process."""
+    usual = compiler.get_compile_options
+
+    def quick(*given: Any, env_options_overrides: dict[str, Any] | None = None, **named: Any) -> Any:
+        return usual(*given, env_options_overrides={**QUICK, **(env_options_overrides or {})}, **named)
+
     jax.config.update("jax_disable_most_optimizations", True)
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler, "get_compile_options", quick)
+        yield
     jax.config.update("jax_disable_most_optimizations", False)
 
 
@@ -83,7 +93,8 @@ def quick_engine() -> Iterator[None]:
     """Let processes of the engine compile with few optimisations; the two kinds of programs are never mixed up."""
     usual = executables.options_for
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(executables, "options_for", lambda lanes: {**usual(lanes), **LLVM_LEVEL})
+        options = {f"--{name}": str(value).lower() for name, value in QUICK.items()}
+        patch.setattr(executables, "options_for", lambda lanes: {**usual(lanes), **options})
         patch.setattr(executables, "_loaded", _quick_programs)
         yield
 

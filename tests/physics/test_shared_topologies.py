@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -41,7 +40,6 @@ FRAMES = 40
 REMOVED = {10: 0, 25: 1}  # before which step which bar goes
 
 
-@partial(jax.jit, static_argnums=0)
 def _play(topology: Topology, world: Any, timing: Any) -> Any:
     """Return the state after each step; columns of the plan are the bars."""
 
@@ -75,7 +73,10 @@ def test_absent_constraints_change_no_bit(ties: str, more: str, dtype: str) -> N
         scene = make_scene(BALLS, BARS, joints=pins, springs=springs)
         own, world = compile_scene(scene, dtype=dtype)
         shared, timing = MORE[more](own), step_timing(60, dtype)
-        alone, among = _play(own, world, timing), _play(shared, with_absent(shared, own, world), timing)
+        # Float32 keeps its bits from program to program with the loops that users get, not with quick ones.
+        options = {"xla_cpu_use_fusion_emitters": True} if dtype == "float32" else None
+        play = jax.jit(_play, static_argnums=0, compiler_options=options)
+        alone, among = play(own, world, timing), play(shared, with_absent(shared, own, world), timing)
         assert (np.asarray(world.plan_slot)[:3] >= 0).all()
         for name in ("position", "angle", "motion", "alive", "cache", "broad"):
             assert_equal_trees(getattr(among, name), getattr(alone, name))
