@@ -113,6 +113,8 @@ def test_the_replay_page_plays_scrubs_and_asks_for_nothing(
     page.keyboard.press(" ")
     page.keyboard.press("c")
     page.keyboard.press("v")
+    for keys in ("Meta+n", "Alt+p"):  # the browser's own
+        page.keyboard.press(keys)
     for number, game in enumerate(GAMES):
         until(page, f"document.documentElement.dataset.ready === '{number}'")
         page.locator(".scrub").fill(str(recordings[game].steps // 2))
@@ -120,6 +122,10 @@ def test_the_replay_page_plays_scrubs_and_asks_for_nothing(
         if game in ("fill", "multi_ball_stack"):
             page.screenshot(path=ARTEFACTS / f"replay-{game}.png")
         page.keyboard.press("n")
+    until(page, "document.documentElement.dataset.ready === '0'")
+    page.focus("#next")
+    page.keyboard.press(" ")  # presses the button
+    until(page, "document.documentElement.dataset.ready === '1'")
     page.click("#look")
     page.screenshot(path=ARTEFACTS / "replay-dark.png")
     assert page.asked == [file.as_uri()]  # type: ignore[attr-defined]
@@ -235,6 +241,33 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
         assert all(address.startswith(server.address) for address in page.asked)  # type: ignore[attr-defined]
 
 
+def test_a_game_waits_while_another_part_of_the_page_is_shown(page: Page, tmp_path: Path) -> None:
+    with serving(tmp_path) as server:
+        page.goto(server.address)
+        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+        page.click("[data-mode=compare]")
+        page.wait_for_selector("#deck canvas[data-frame]")
+        page.click("[data-mode=play]")
+        page.select_option("#game", label="unseen_support")
+        page.wait_for_selector("html[data-ready=unseen_support]", timeout=60_000)
+        page.click("#start")
+        until(page, "board.dataset.frame >= 20")
+        page.keyboard.press("Control+1")  # the browser's own
+        page.click("[data-mode=compare]")
+        until(page, "document.getElementById('status').textContent === 'Nobody has played this scene yet'")
+        assert not page.locator("#deck figure").count()  # those of the game before have gone
+        left = shown_frame(page, "#board")
+        page.wait_for_timeout(500)
+        assert shown_frame(page, "#board") == left
+        page.click("[data-mode=play]")
+        assert not page.inner_text("#status")
+        until(page, f"board.dataset.frame > {left}")
+        assert page.get_attribute("#board", "data-state") == "running"
+        page.click("#finish")
+        until(page, "result.dataset.reward")
+        assert set(json.loads(page.get_attribute("#result", "data-plan") or "")) == {-1}
+
+
 def test_play_is_smooth(page: Page, tmp_path: Path) -> None:
     """Measure the frame rate of the page during a game, and the delay after a click."""
     with serving(tmp_path) as server:
@@ -296,6 +329,8 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
             page.click(f"[data-tool={tool}]")
             click(120, 200)
             click(120, 300)
+            for _ in range(2):  # the same object twice changes nothing
+                click(120, 200)
         page.click("[data-tool=select]")
         drag(page, (300, 400), (320, 410))
         until(page, "!document.getElementById('save').disabled")

@@ -15,6 +15,9 @@ function make(tag, properties = {}, ...children) {
 const seconds = (value) => `${value.toFixed(2)} s`;
 const points = (value) => value.toFixed(2);
 
+/** Whether a key is pressed for the browser, as in Ctrl+1. */
+const hasModifier = (event) => event.ctrlKey || event.metaKey || event.altKey;
+
 /** The result of a play in words. */
 function endOf(play) {
   const state = play.fault ? `invalid physics (fault ${play.fault})` : play.solved ? "solved" : "not solved";
@@ -28,6 +31,7 @@ class Deck {
     this.theme = theme;
     this.clock = new Clock(() => this.show());
     this.panels = [];
+    this.rate = 1; // frames a second, the highest of the plays
     this.options = { trails: true, contacts: false, velocities: false };
     this.stages = make("div", { className: "stages" });
     place.append(this.stages, this._controls());
@@ -80,7 +84,7 @@ class Deck {
     return make("div", { className: "controls" }, row, more);
   }
 
-  /** Show plays, a list of {title, play, scene}; this opens their tapes. */
+  /** Show plays, a list of {title, play, scene}, which may be empty; this opens their tapes. */
   async load(entries) {
     const turn = (this.turn = (this.turn || 0) + 1);
     const tapes = await Promise.all(entries.map(({ play, scene }) => openTape(play, scene)));
@@ -88,8 +92,8 @@ class Deck {
     this.clock.stop();
     this.panels = entries.map((entry, i) => this._panel(entry, tapes[i]));
     this.stages.replaceChildren(...this.panels.map((panel) => panel.figure));
-    this.rate = Math.max(...tapes.map((tape) => tape.fps));
-    this.clock.length = Math.max(...tapes.map((tape) => (tape.frames - 1) / tape.fps));
+    this.rate = Math.max(1, ...tapes.map((tape) => tape.fps));
+    this.clock.length = Math.max(0, ...tapes.map((tape) => (tape.frames - 1) / tape.fps));
     this.slider.max = Math.round(this.clock.length * this.rate);
     this.clock.jump(0);
   }
@@ -116,7 +120,6 @@ class Deck {
   /** Draw everything at the time of the clock. */
   show() {
     this.playButton.textContent = this.clock.running ? "Pause" : "Play";
-    if (!this.panels.length) return;
     this.slider.value = this.frame;
     this.time.textContent = `${seconds(this.clock.now)} / ${seconds(this.clock.length)}`;
     for (const panel of this.panels) this._show(panel);
@@ -142,7 +145,8 @@ class Deck {
   /** Handle a key; return whether it has a meaning. */
   key(event) {
     const typing = event.target.closest("input:not([type=range], [type=checkbox]), textarea, select");
-    if (event.ctrlKey || event.metaKey || event.altKey || typing) return false;
+    const presses = event.key === " " && event.target.closest("button, input[type=checkbox]");
+    if (hasModifier(event) || typing || presses) return false;
     const many = event.shiftKey ? 10 : 1;
     const speed = (by) => {
       this.speed.selectedIndex = Math.min(this.speed.length - 1, Math.max(0, this.speed.selectedIndex + by));

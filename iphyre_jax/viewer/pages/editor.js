@@ -192,13 +192,13 @@ class Editor {
     return scene.block.length + scene.ball.length - 1;
   }
 
-  /** Connect the object to the one pressed before, or remove their connection. */
+  /** Connect the object to another one pressed before, or remove their connection. */
   _connect(part) {
     if (!part) return;
-    const first = this.first;
+    const first = this.first ?? null;
     this.selected = part.object;
-    this.first = first === null || first === undefined ? part.object : null;
-    if (this.first !== null) return void this.draw();
+    this.first = first === null ? part.object : null;
+    if (this.first !== null || part.object === first) return void this.draw(); // pressed twice, it is put down again
     const connected = (pair) => pair.includes(first) && pair.includes(part.object);
     const pairs = this.scene[this.tool];
     this.change(() => {

@@ -8,6 +8,7 @@ class Game {
     this.stage = stage;
     this.on = on;
     this.state = "empty"; // empty, ready, running, waiting, over
+    this.away = false; // while another part of the page is shown, time stands still
   }
 
   /** Prepare an attempt at a scene; `play` is its play without removals. */
@@ -90,9 +91,10 @@ class Game {
     let before = null;
     const frame = (now) => {
       if (this.state !== "running") return;
-      if (before !== null) this.time += Math.min(0.1, (now - before) / 1000); // a hidden page does not jump ahead
+      // A hidden page does not jump ahead.
+      if (before !== null && !this.away) this.time += Math.min(0.1, (now - before) / 1000);
       before = now;
-      this._show();
+      if (!this.away) this._show();
       if (this.state === "running") requestAnimationFrame(frame);
     };
     requestAnimationFrame(frame);

@@ -97,6 +97,8 @@ class PlayPage {
     }
     for (const section of ["play", "compare", "edit"]) byId(section).hidden = section !== name;
     this.deck.clock.stop();
+    this.game.away = name !== "play";
+    byId("status").textContent = "";
     if (name === "compare") return this.compare();
     if (name === "edit") return void (this.editor.past.length ? this.editor.draw() : this.editor.open(this.scene));
     return void this.game.draw();
@@ -188,7 +190,10 @@ class PlayPage {
 
   /** Plays of this scene: own attempts, the best known plan, agents. */
   async compare() {
-    this.plays = await call("agents", { scene: nameOrScene(this.scene) });
+    const scene = this.scene;
+    const plays = await call("agents", { scene: nameOrScene(scene) });
+    if (scene !== this.scene) return; // the user has chosen another scene
+    this.plays = plays;
     const label = (play) => `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s`;
     const option = (play, i) => make("option", { value: i, textContent: label(play) });
     const mine = this.plays.findLastIndex((play) => play.own);
@@ -204,7 +209,7 @@ class PlayPage {
   async loadDeck() {
     const chosen = [byId("left").value, byId("right").value].filter((value) => value !== "");
     const plays = chosen.map((value) => this.plays[Number(value)]);
-    if (plays.length) await this.deck.load(plays.map((play) => ({ title: play.agent, play, scene: this.scene })));
+    await this.deck.load(plays.map((play) => ({ title: play.agent, play, scene: this.scene })));
   }
 
   showScene(scene) {
@@ -263,7 +268,8 @@ class PlayPage {
     if (this.shown === "compare") return void this.deck.key(event);
     if (event.target.closest("select, input")) return undefined;
     if (this.shown === "play") {
-      if (event.key === " " && this.game.state === "ready") {
+      if (hasModifier(event)) return undefined;
+      if (event.key === " " && this.game.state === "ready" && !event.target.closest("button")) {
         event.preventDefault();
         this.game.start();
       }

@@ -45,7 +45,7 @@ function startReplay(data) {
   byId("previous").onclick = () => turn(-1);
   byId("next").onclick = () => turn(1);
   document.addEventListener("keydown", (event) => {
-    if (deck.key(event) || event.target.closest("select")) return;
+    if (deck.key(event) || hasModifier(event) || event.target.closest("select")) return;
     if (event.key === "n") turn(1);
     if (event.key === "p") turn(-1);
   });
