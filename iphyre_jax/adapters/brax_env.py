@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State
 
 from iphyre_jax.adapters.arguments import refuse_options
+from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.envs import make
 
 
@@ -35,7 +36,7 @@ class BraxEnv(Env):
     `mend_brax` makes brax's trainers run on newer versions of JAX.
 
     state.pipeline_state is the `EnvState`; done is 1 where terminated or truncated; metrics has success; info has
-    terminated and truncated, 0 or 1.
+    terminated and truncated by gymnasium's definition, 0 or 1.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
@@ -61,7 +62,8 @@ class BraxEnv(Env):
         own = jnp.argmax(action).astype(jnp.int32) if self._on_the_fly else ((action + 1) / 2).clip(0.0, 1.0)
         key = jax.random.key(0)  # without autoreset nothing is random
         out = self.env.step(key, state.pipeline_state, own, self.params)
-        obs, after, reward, terminated, truncated, info = out
+        obs, after, reward, *official, info = out
+        terminated, truncated = gymnasium_flags(self.env, *official)
         flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
         return state.replace(
             pipeline_state=after,

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.adapters.gymnax_env import GymnaxView, games_of
 from iphyre_jax.envs import EnvParams, EnvState
 
@@ -13,8 +14,9 @@ from iphyre_jax.envs import EnvParams, EnvState
 class FiveValues(GymnaxView):
     """An environment whose `step` returns obs, state, reward, done, info.
 
-    done is terminated or truncated; both are in info. Only if `make` was told so, info also has `final_observation`:
-    trainers that keep the infos of a run keep it too. Where gymnax is installed, the spaces are its own.
+    done is terminated or truncated; both are in info, by gymnasium's definition. Only if `make` was told so, info also
+    has `final_observation`: trainers that keep the infos of a run keep it too. Where gymnax is installed, the spaces
+    are its own.
 
     Attributes:
         env: the environment; those trainers expect autoreset.
@@ -27,5 +29,6 @@ class FiveValues(GymnaxView):
         """Play one decision; see `Environment.step`."""
         given = games_of(params or self.default_params)
         obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
+        terminated, truncated = gymnasium_flags(self.env, terminated, truncated)
         info = info | {"terminated": terminated, "truncated": truncated}
         return obs, state, reward, terminated | truncated, info

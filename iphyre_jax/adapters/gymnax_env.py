@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 
+from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import check_instance
 from iphyre_jax.envs import Discrete, Environment, EnvParams, EnvState
 from iphyre_jax.envs.core import Info
@@ -85,9 +86,10 @@ class GymnaxEnv(GymnaxView):
     def step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams | None = None
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        """Play one decision; see `Environment.step`."""
+        """Play one decision; see `Environment.step`. Terminated and truncated are gymnasium's."""
         given = games_of(params or self.default_params)
         obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
+        terminated, truncated = gymnasium_flags(self.env, terminated, truncated)
         info = info | {"terminated": terminated, "truncated": truncated}
         return obs, state, reward, terminated, truncated, info
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import missing_extra, show
+
 
 @dataclass(frozen=True, eq=False)
 class Episode:
@@ -31,6 +33,30 @@ class Episode:
     infos: Mapping[str, npt.NDArray[Any]]
 
 
+def check_minari(dataset_id: str) -> None:
+    """Check that a data set of this name can be written, before its episodes are made.
+
+    Args:
+        dataset_id: as Minari names data sets: "iphyre/official-v0".
+
+    Raises:
+        ModuleNotFoundError: minari or h5py is missing; one line that names the extra.
+        ValueError: Minari refuses the name, or has a data set of this name; one line.
+    """
+    try:
+        import h5py  # noqa: F401 - of the storage
+        import minari
+        from minari.dataset.minari_dataset import parse_dataset_id
+    except ModuleNotFoundError as error:
+        raise missing_extra("a Minari data set", "minari", error.name) from None
+    try:
+        parse_dataset_id(dataset_id)
+    except ValueError:
+        raise ValueError(f"minari: expected a name such as 'iphyre/official-v0', got {show(dataset_id)}") from None
+    if dataset_id in minari.list_local_datasets():
+        raise ValueError(f"minari: expected a new name, but Minari has a data set {show(dataset_id)}")
+
+
 def write_minari(dataset_id: str, episodes: Iterable[Episode], highest: float | None, description: str) -> Any:  # noqa: ANN401
     """Write episodes as a new Minari data set.
 
@@ -44,17 +70,14 @@ def write_minari(dataset_id: str, episodes: Iterable[Episode], highest: float | 
         The `minari.MinariDataset`.
 
     Raises:
-        ImportError: minari or h5py is missing; one line.
-        ValueError: Minari refuses the name, has a data set of this name, or there are no episodes.
+        ModuleNotFoundError: see `check_minari`.
+        ValueError: see `check_minari`, or there are no episodes; one line.
     """
-    try:
-        import h5py  # noqa: F401 - of the storage
-        import minari
-        from gymnasium import spaces
-        from minari.data_collector import EpisodeBuffer
-    except ModuleNotFoundError as error:
-        text = f"Minari data sets need the extra 'minari' ({error.name} is missing): pip install 'iphyre-jax[minari]'"
-        raise ImportError(text) from None
+    check_minari(dataset_id)
+    import minari
+    from gymnasium import spaces
+    from minari.data_collector import EpisodeBuffer
+
     all_of = list(episodes)
     if not all_of:
         raise ValueError("dataset: expected at least one play")

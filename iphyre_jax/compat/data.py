@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import is_list, show
+from iphyre_jax.checks import is_list, missing_extra, show
 from iphyre_jax.memory import check_memory
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def save_start(simulator: IPHYRE, save_path: str, images: bool) -> None:
         images: save the picture, which needs the extra `viewer`.
 
     Raises:
-        ImportError: pillow is missing; one line.
+        ModuleNotFoundError: pillow is missing; one line that names the extra.
         OSError: a file cannot be written.
     """
     simulator.reset()
@@ -56,7 +56,7 @@ def save_sequences(
 
     Raises:
         ValueError: fps does not divide the simulator's rate; one line.
-        ImportError: pillow is missing; one line.
+        ModuleNotFoundError: pillow is missing; one line that names the extra.
         OSError: a file cannot be written.
     """
     if isinstance(fps, bool) or not isinstance(fps, int) or fps < 1 or simulator.FPS % fps:
@@ -106,7 +106,5 @@ def _save_picture(path: Path, pixels: npt.NDArray[np.uint8]) -> None:
     try:
         from PIL import Image
     except ModuleNotFoundError:
-        raise ImportError(
-            "pictures need the extra 'viewer' (pillow is missing): pip install 'iphyre-jax[viewer]', or images=False"
-        ) from None
+        raise missing_extra("a picture (images=False makes none)", "viewer", "PIL") from None
     Image.fromarray(pixels).save(path)

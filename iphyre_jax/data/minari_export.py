@@ -1,7 +1,8 @@
 """Data sets as Minari data sets.
 
 Without sequences an episode is one decision, in advance: the observation of the start, then that of the end of the
-episode, which is the same; the action has the times in seconds, 0 for a block that stays. With sequences it has a
+episode, which is the same; the action has the times in seconds, 0 for a block that stays. It always ends by itself:
+it is terminated, solved or not. With sequences it has a
 decision every 0.1 s: tables before each, and flags of the blocks that go before the next one. Rewards are the paper's:
 their sum is the reward of the play.
 """
@@ -37,8 +38,8 @@ def export_minari(dataset: Dataset, dataset_id: str) -> Any:  # noqa: ANN401
         and `draw`, the same at each decision.
 
     Raises:
-        ImportError: minari is missing; one line.
-        ValueError: Minari refuses the name or has a data set of this name, or there are no plays.
+        ModuleNotFoundError: minari is missing; one line that names the extra.
+        ValueError: Minari refuses the name or has a data set of this name, or there are no plays; one line.
     """
     check_instance("dataset", dataset, Dataset, "a Dataset, as load_dataset returns it")
     games = ", ".join(scene.name for scene in dataset.scenes[:50])
@@ -69,7 +70,7 @@ def _decisions(dataset: Dataset) -> Iterator[Episode]:
             observations=np.stack([starts[game]] * 2),
             actions=times[row : row + 1],
             rewards=np.array([reward], np.float64),
-            terminated=bool(dataset.success[row]),
+            terminated=True,  # as of `adapters.endings`
             seed=row,
             infos=_infos(dataset, row, 2),
         )

@@ -26,7 +26,8 @@ def test_under_the_wrappers_of_brax(strategy: str) -> None:
         after = step(state, jnp.full((4, env.action_size), -1.0))
         np.testing.assert_array_equal(after.reward, -15.0)
         np.testing.assert_array_equal(after.done, 1.0)
-        np.testing.assert_array_equal(after.info["truncated"], 1.0)
+        np.testing.assert_array_equal(after.info["terminated"], 1.0)
+        np.testing.assert_array_equal(after.info["truncated"], 0.0)
     else:
         after = step(state, jax.nn.one_hot(jnp.array([0, 1, 2, 6]), 7))
         np.testing.assert_allclose(after.reward, [-0.1, -10.1, -10.1, -0.1], rtol=1e-6)

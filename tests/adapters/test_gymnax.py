@@ -12,6 +12,7 @@ import pytest
 import iphyre_jax.adapters as adapters
 from iphyre_jax import make
 from iphyre_jax.adapters import FiveValues, GymnaxEnv, register_gymnax
+from iphyre_jax.adapters.gymnax_env import GymnaxView
 
 
 class _Discrete:
@@ -72,6 +73,14 @@ def test_steps_have_five_and_six_values() -> None:
         assert {"terminated", "truncated", "success"} <= set(out[-1])
         assert ("final_observation" in out[-1]) == (count == 6)  # five hundred bytes of every kept decision
         assert out[0].shape == obs.shape
+
+
+@pytest.mark.parametrize("adapter", [FiveValues, GymnaxEnv])
+def test_a_plan_that_fails_ends_by_itself(adapter: type[GymnaxView]) -> None:
+    env = adapter(*make("in-advance/support-v1"))
+    _, state = env.reset(jax.random.key(0))
+    *_, info = env.step(jax.random.key(0), state, jax.numpy.zeros(6))
+    assert (bool(info["success"]), bool(info["terminated"]), bool(info["truncated"])) == (False, True, False)
 
 
 def test_every_id_is_registered_in_both_forms(gymnax: dict[str, Any]) -> None:

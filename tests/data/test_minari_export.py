@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from iphyre_jax.cli import main
 from iphyre_jax.data import Dataset
 from iphyre_jax.data.minari_export import _decisions, _sequences, export_minari
 from iphyre_jax.rules import episode_reward
@@ -19,8 +20,13 @@ REWARDS = episode_reward(small().success, small().removals, small().end_step, 60
 def test_rewards_add_up_to_those_of_the_paper() -> None:
     for episodes in (list(_decisions(IN_ADVANCE)), list(_sequences(small()))):
         np.testing.assert_allclose([episode.rewards.sum() for episode in episodes], REWARDS, rtol=0, atol=1e-9)
-        assert [episode.terminated for episode in episodes] == small().success.tolist()
         assert [episode.infos["end_step"][0] for episode in episodes] == small().end_step.tolist()
+
+
+def test_one_decision_ends_by_itself_and_a_sequence_that_fails_is_cut() -> None:
+    assert not small().success.all()
+    assert all(episode.terminated for episode in _decisions(IN_ADVANCE))
+    assert [episode.terminated for episode in _sequences(small())] == small().success.tolist()
 
 
 def test_sequences_remove_what_the_play_removed() -> None:
@@ -37,8 +43,15 @@ def test_sequences_remove_what_the_play_removed() -> None:
 
 @pytest.mark.skipif(HAS_MINARI, reason="minari is there")
 def test_without_minari_one_line_names_the_extra() -> None:
-    with pytest.raises(ImportError, match=r"need the extra 'minari' .*pip install 'iphyre-jax\[minari\]'"):
+    missing = r"^a Minari data set needs the extra 'minari' .*pip install 'iphyre-jax\[minari\]'"
+    with pytest.raises(ModuleNotFoundError, match=missing):
         export_minari(IN_ADVANCE, "iphyre/none-v0")
+
+
+@pytest.mark.skipif(HAS_MINARI, reason="minari is there")
+def test_the_command_tells_before_it_plays(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["collect", "hole", "--minari", "iphyre/none-v0"]) == 2
+    assert "needs the extra 'minari'" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not HAS_MINARI, reason="needs the extra minari; make test-minari runs it")
@@ -53,8 +66,11 @@ def test_minari_reads_what_was_written(tmp_path: Path, monkeypatch: pytest.Monke
     assert read.total_episodes == len(dataset)
     for row, episode in enumerate(read.iterate_episodes()):
         np.testing.assert_allclose(episode.rewards.sum(), REWARDS[row], rtol=0, atol=1e-6)
-        assert bool(episode.terminations[-1]) == dataset.success[row] != bool(episode.truncations[-1])
+        ended = dataset.poses is None or dataset.success[row]
+        assert bool(episode.terminations[-1]) == ended != bool(episode.truncations[-1])
         assert episode.infos["steps"][0].tolist() == dataset.steps[row].tolist()
         assert read.action_space.contains(episode.actions[0])
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match=r"^minari: expected a new name, but Minari has a data set"):
         export_minari(dataset, "iphyre/small-v0")
+    with pytest.raises(ValueError, match=r"^minari: expected a name such as"):
+        export_minari(dataset, "no version")
