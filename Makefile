@@ -216,5 +216,5 @@ docs-pictures: docs chromium ## pictures of the pages of the site in Chromium, i
 bench: .venv/.stamp ## measure throughput and compile times
 	$(PY) -m benchmarks
 
-clean: ## remove .venv and everything built; run folders stay
+clean: ## remove .venv and build/, with it environments, caches and what the results targets have not published; runs/ stays
 	rm -rf .venv build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis

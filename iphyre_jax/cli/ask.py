@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import RATES, Caps, RunSettings, most_questions
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import locked, replace_json, replace_text
@@ -77,8 +77,7 @@ class Ask:
         named = self.games or GAMES
         games = tuple(game for name in named for game in SPLITS.get(name, (name,)))
         call = CallSettings(self.temperature, self.max_tokens, self.completion_tokens)
-        kind: Any = self.fps if isinstance(self.fps, int) else None
-        check_option("fps", str(kind), RATES)
+        check_option("fps", str(self.fps), RATES)
         return RunSettings(
             games, self.prompt, self.strategy, self.feedback, self.attempts, self.samples, self.fps, call
         )
@@ -92,6 +91,9 @@ def run(command: Ask, console: Console) -> int:
     """
     if command.replay is not None and len(command.replay) > 1:
         raise ValueError(f"replay: expected one file, got {len(command.replay)}")
+    if command.replay is not None:
+        of_model = ("max_questions", "max_tokens_in_all", "out", "record")
+        refuse_unread(command, {entry.name for entry in fields(command)} - {*of_model}, "with --replay")
     settings = command.settings()
     with interrupting() as signals:
         try:

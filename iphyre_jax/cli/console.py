@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TextIO
+
 import tyro
 from rich.console import Console
+
+from iphyre_jax.checks import show
 
 
 class CommandConsole(Console):
@@ -12,6 +22,24 @@ class CommandConsole(Console):
     def on_broken_pipe(self) -> None:
         """Raise BrokenPipeError; `cli.main` gives the exit code."""
         raise BrokenPipeError
+
+
+def refuse_unread(command: Any, read: Collection[str], why: str) -> None:  # noqa: ANN401 - any command
+    """Refuse options that would be ignored.
+
+    Args:
+        command: the dataclass of a command.
+        read: names of the options that are read.
+        why: when the others are not, as in "with --describe".
+
+    Raises:
+        ValueError: another option is not its default; one line.
+    """
+    for entry in fields(command):
+        given = getattr(command, entry.name)
+        if entry.name not in read and given != entry.default:
+            shown = str(given) if isinstance(given, Path) else given
+            raise ValueError(f"{entry.name}: expected none {why}, got {show(shown)}")
 
 
 def say(console: Console, text: str) -> None:
@@ -23,3 +51,23 @@ def option(metavar: str, text: str, default: str | None = None, *, aliases: tupl
     """Describe an option: the name of its value, its help text, and how the help shows the default."""
     hint = None if default is None else f"(default: {default})" if default else ""
     return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint=hint, aliases=aliases or None)
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Print warnings, such as those about damaged files, like the errors of a command."""
+
+    def show_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        del filename, lineno, file, line
+        print(f"iphyre-jax: {category.__name__}: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show_warning
+        yield

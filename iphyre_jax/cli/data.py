@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Final, Literal
@@ -14,8 +14,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 
+from iphyre_jax.adapters.minari_writer import check_minari
 from iphyre_jax.checks import show
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.dataset import check_path
@@ -124,11 +125,7 @@ def _check_options(command: Collect) -> None:
             continue
         if command.source is not None and command.source.is_dir():
             read = (*read, *_CHOSEN)
-        for entry in fields(command):
-            given = getattr(command, entry.name)
-            if entry.name not in (way, *read) and given != entry.default:
-                shown = str(given) if isinstance(given, Path) else given
-                raise ValueError(f"{entry.name}: expected none with --{way}, got {show(shown)}")
+        refuse_unread(command, (way, *read), f"with --{way}")
     if command.pose_dtype != "float32" and not command.sequences:
         raise ValueError(f"pose_dtype: expected none without --sequences, got {show(command.pose_dtype)}")
 
@@ -145,6 +142,8 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
         check_path(command.out)
+    if command.minari is not None:
+        check_minari(command.minari)
     dataset = _make(command, report)
     if command.out is not None:
         save_dataset(dataset, command.out)
@@ -169,7 +168,7 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
         )
     journal = None if command.out is None else command.out.with_suffix(".parts")
     if command.source is not None:
-        return _load(command, journal, report)
+        return _load(command.source, command, journal, report)
     if command.distribution == "policy" and command.policy is None:
         raise ValueError("policy: expected a pretrained policy or a run folder for --distribution policy, got none")
     if command.distribution != "policy" and command.policy is not None:
@@ -202,15 +201,12 @@ def _games(words: tuple[str, ...]) -> list[str]:
     return [game for word in words for game in lists.get(word, (word,))]
 
 
-def _load(command: Collect, journal: Path | None, report: Callable[[str], None]) -> Dataset:
+def _load(source: Path, command: Collect, journal: Path | None, report: Callable[[str], None]) -> Dataset:
     """Return the plays of a source."""
-    source = command.source
-    if source is None or source.is_dir():
-        games = _games(command.games) if command.games else None
-        folder = source or Path()
+    if source.is_dir():
         return load_official(
-            folder,
-            games=games,
+            source,
+            games=_games(command.games) if command.games else None,
             fps=WORLD_FPS if command.fps is None else command.fps,
             sequences=command.sequences,
             journal=journal,

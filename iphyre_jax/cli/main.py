@@ -12,7 +12,14 @@ from iphyre_jax import __version__
 ERROR = 2  # exit code of a mistake
 INTERRUPTED = 130  # exit code after Ctrl-C
 OUTPUT_CLOSED = 141  # exit code if the reader of the output has gone, as with `| head`
-EXTRA_OF = {"PIL": "viewer", "imageio_ffmpeg": "viewer", "anthropic": "llm", "openai": "llm"}  # all others: `train`
+EXTRA_OF = {  # of missing packages; all others: `train`
+    "PIL": "viewer",
+    "imageio_ffmpeg": "viewer",
+    "anthropic": "llm",
+    "openai": "llm",
+    "h5py": "minari",
+    "minari": "minari",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

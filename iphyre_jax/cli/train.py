@@ -188,7 +188,8 @@ def _policy(command: Evaluate) -> tuple[TrainConfig, RunState]:
     config, state = runs.load(command.run, command.checkpoint)
     if not command.ensemble:
         return config, state
-    configs, states = zip((config, state), *map(runs.load, command.ensemble), strict=True)
+    others = (runs.load(path, command.checkpoint) for path in command.ensemble)
+    configs, states = zip((config, state), *others, strict=True)
     if len({one.seed for one in configs}) < len(configs):
         raise ValueError(f"ensemble: expected runs of different seeds, got {', '.join(str(c.seed) for c in configs)}")
     return config, state._replace(learner=ensemble(configs, [one.learner for one in states]))
@@ -231,7 +232,7 @@ def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], 
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("", *columns):
         table.add_column(title, justify="right" if title else "left", no_wrap=True)
-    for split in COLUMNS:
+    for split in (*COLUMNS, *(["unseen_basic"] if SPLITS["unseen_basic"][0] in tried.games else [])):
         names = GAMES if split == "all" else SPLITS[split]
         rows = [tried.games.index(name) for name in names]
         shares = (curve[rows, 0], curve[rows, -1], auccess(curve[rows]))
@@ -263,7 +264,7 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
     for row in split_rows(evaluation, config):
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
     console.print(table)
-    say(console, "The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps.")
+    say(console, compare.RATES_OF_PAPER)
     if "unseen_basic" in evaluation.splits:
         for kind in ("greedy", "sampled"):
             score = evaluation.mean(kind, "unseen_basic")

@@ -1,17 +1,13 @@
-"""`iphyre-jax render`, `replay`, `play`, `score`. Needs the extra `train`; films and pictures also need `viewer`."""
+"""`iphyre-jax replay`, `play`, `score`: plays of files, and the play page. Needs the extra `train`."""
 
 from __future__ import annotations
 
 import secrets
-import sys
-import warnings
 import webbrowser
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TextIO
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -21,77 +17,16 @@ from rich.table import Table
 from rich.text import Text
 
 from iphyre_jax.checks import show
-from iphyre_jax.cli.console import option, say
-from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, read_scene
+from iphyre_jax.cli.console import option, say, warnings_in_one_line
+from iphyre_jax.scenes import Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
-from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
+from iphyre_jax.viewer.load_plays import each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api
 from iphyre_jax.viewer.play.server import PlayServer
 from iphyre_jax.viewer.play.session import ATTEMPTS, Session
 from iphyre_jax.viewer.plays import is_name
-from iphyre_jax.viewer.recording import Recording, record
-
-if TYPE_CHECKING:
-    from iphyre_jax.viewer.frames import Look
-
-BESIDE = 4  # plays side by side at most
-SHEET_SIZE, PICTURE_SIZE = 150, 600  # px, side of one picture by default
-
-Plan = Annotated[
-    tuple[str, ...],
-    option(
-        "SECONDS ...",
-        'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
-        '"never" or "-" keeps a block. Blocks without a time stay.',
-        "remove nothing",
-    ),
-]
-
-
-@dataclass(frozen=True)
-class Render:
-    """Draw plays: one as a picture or film, some side by side, or many on one sheet."""
-
-    what: Annotated[
-        tyro.conf.Positional[str],
-        option(
-            "WHAT",
-            "A game or a scene file: it is played under --plan. A split or all: a sheet of start positions. "
-            "A file of plays, a run folder or best (the best known plans): a sheet of final positions, "
-            "or with --game the plays of that game side by side.",
-        ),
-    ]
-    out: Annotated[Path, option("FILE", "The file to write: .png, .gif or .mp4.", aliases=("-o",))]
-    plan: Plan = ()
-    game: Annotated[str | None, option("GAME", "Draw only plays of this game, side by side.", "all games")] = None
-    split: Annotated[str | None, option("SPLIT", "Draw only plays of games of this split.", "all splits")] = None
-    fps: int = 60
-    """Physics steps a second."""
-    rule: Rule = "simulate"
-    """How seconds become steps; see "iphyre-jax simulate --help"."""
-    resets: int = 1
-    """Number of the reset in a reused physics space; 1 is a fresh space."""
-    dtype: Literal["float64", "float32"] = "float64"
-    """Number type of the physics."""
-    theme: Literal["modern", "dark", "official"] = "modern"
-    """Colours."""
-    size: Annotated[int | None, option("PX", "Side of one picture.", f"{PICTURE_SIZE}, on a sheet {SHEET_SIZE}")] = None
-    trails: bool = False
-    """Show the paths of the balls."""
-    captions: bool = True
-    """Show title, time and result above the picture."""
-    fade: float = 0.4
-    """Seconds in which a removed block fades."""
-    frame: Annotated[
-        int | None, option("FRAME", "The frame that a picture shows; -1 is the last.", "last; on a sheet of starts 0")
-    ] = None
-    columns: int = 8
-    """Pictures in a row of a sheet."""
-    hold: float = 1.0
-    """Seconds that a film shows the last frame."""
 
 
 @dataclass(frozen=True)
@@ -129,74 +64,7 @@ class Score:
     plays: Annotated[tyro.conf.Positional[Path], option("FILE", "The file of plays (JSON lines).")]
 
 
-@contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    """Print warnings, such as those about damaged files, like the errors of a command."""
-
-    def show_warning(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        del filename, lineno, file, line
-        print(f"iphyre-jax: {category.__name__}: {message}", file=sys.stderr)
-
-    with warnings.catch_warnings():
-        warnings.showwarning = show_warning
-        yield
-
-
-@_warnings_in_one_line()
-def render(command: Render, console: Console) -> None:
-    """`iphyre-jax render`."""
-    from iphyre_jax.viewer.films import save, save_picture
-    from iphyre_jax.viewer.sheets import contact_sheet, start_of
-
-    what, frame = command.what, -1 if command.frame is None else command.frame
-    starts = GAMES if what == "all" else SPLITS.get(what)
-    if starts is not None:
-        plays = [start_of(load_scene(game)) for game in starts]
-        sheet = contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, SHEET_SIZE))
-        save_picture(command.out, sheet)
-    elif what == BEST or what.endswith(".jsonl") or Path(what).is_dir():
-        chosen = [play for play in each_play(what) if command.game in (None, play.scene.name)]
-        chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
-        if not chosen:
-            asked = f"{command.game or 'any'} of {command.split or 'any split'}"
-            raise ValueError(f"game: expected a game with plays in {what}, got {asked}")
-        if command.game is None:
-            plays, look = [play.record() for play in chosen], _frame_look(command, SHEET_SIZE)
-            save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=frame, look=look))
-        else:
-            plays, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
-            save(command.out, plays, _frame_look(command, PICTURE_SIZE), titles, frame=frame, hold=command.hold)
-    else:
-        play = _record_plan(command, load_scene(what))
-        save(command.out, play, _frame_look(command, PICTURE_SIZE), frame=frame, hold=command.hold)
-        state = "solved" if play.success else "not solved"
-        say(console, f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}")
-    say(console, f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB")
-
-
-def _frame_look(command: Render, size: int) -> Look:
-    """Return the look of the frames; `size` is used if the command sets none."""
-    from iphyre_jax.viewer.frames import Look
-
-    return Look(
-        command.theme, size if command.size is None else command.size, command.captions, command.trails, command.fade
-    )
-
-
-def _record_plan(command: Render, scene: Scene) -> Recording:
-    """Play a scene under the command's plan."""
-    steps = plan_to_steps(parse_plan(command.plan, scene), command.fps, command.rule)[0]
-    return record(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
-
-
-@_warnings_in_one_line()
+@warnings_in_one_line()
 def replay(command: Replay, console: Console) -> None:
     """`iphyre-jax replay`."""
     if not command.sources:
@@ -212,7 +80,7 @@ def replay(command: Replay, console: Console) -> None:
     say(console, f"{command.out}: {len(chosen)} plays, {command.out.stat().st_size / 1000:.0f} kB")
 
 
-@_warnings_in_one_line()
+@warnings_in_one_line()
 def play(command: PlayPage, console: Console) -> None:
     """`iphyre-jax play`."""
     agents = [entry for source in command.agents for entry in load_plays(source)]
@@ -237,7 +105,7 @@ def play(command: PlayPage, console: Console) -> None:
         server.serve_forever()
 
 
-@_warnings_in_one_line()
+@warnings_in_one_line()
 def score(command: Score, console: Console) -> None:
     """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.learning import agents, carry_over, on_the_fly
 from benchmarks.learning.rows import TableName, rows
+from iphyre_jax.train.storage.pretrained import load_pretrained
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
@@ -43,3 +44,10 @@ def test_seeds_of_agents_on_the_fly() -> None:
     written = [line for line in on_the_fly._seeds(RESULTS / "runs").splitlines() if line.startswith("|")]
     assert len(written) == 2 + len(on_the_fly.POLICIES)
     assert set(written) <= set(tables(RESULTS / "on-the-fly.md"))
+
+
+def test_forty_games_of_agents_on_the_fly() -> None:
+    policies = [load_pretrained(name) for name in on_the_fly.POLICIES]
+    played = on_the_fly.runs_in(RESULTS / on_the_fly.COUNTER)
+    assert played >= 1
+    assert on_the_fly.forty(policies, played) in (RESULTS / "on-the-fly.md").read_text()

@@ -27,6 +27,7 @@ from iphyre_jax.train.storage import logs, runs
 
 KINDS: Final = ("greedy", "sampled")
 LARGEST: Final = 1e9  # size of a score
+RATES_OF_PAPER: Final = "The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps."
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,27 @@ class Row:
         """Over the seeds; None if not all games of the split were played."""
         scores = [seed.scores(kind, split, value) for seed in self.seeds]
         return summary(scores) if all(scores) else None
+
+
+def names(agents: Sequence[Row]) -> list[str]:
+    """The names of rows; of equal ones, each with the settings in which they differ."""
+    found = [row.name for row in agents]
+    settings = [_flat(row.config.to_json()) for row in agents]
+    for name in set(found):
+        alike = [k for k, one in enumerate(found) if one == name]
+        keys = dict.fromkeys(key for k in alike for key in settings[k] if key != "seed")
+        differing = [key for key in keys if len({repr(settings[k].get(key)) for k in alike}) > 1]
+        for k in alike if len(alike) > 1 else ():
+            found[k] = ", ".join([name, *(f"{key} {settings[k].get(key)}" for key in differing)])
+    return found
+
+
+def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings, those of objects within under their own names: no two are alike."""
+    out: dict[str, Any] = {}
+    for key, value in settings.items():
+        out |= _flat(value) if isinstance(value, Mapping) else {key: value}
+    return out
 
 
 def read(path: Path) -> Evaluated:
@@ -147,12 +169,12 @@ def _cell(reward: Summary | None, success: Summary | None) -> str:
 def table(agents: Sequence[Row], kind: str) -> list[list[str]]:
     """Cells of a table (name, seeds, splits): ours, then the paper's people, oracle and, at 10 fps, its agents."""
     cells = []
-    for row in agents:
+    for row, name in zip(agents, names(agents), strict=True):
         each = [_cell(row.summary(kind, split), row.summary(kind, split, "success")) for split in COLUMNS]
-        cells.append([row.name, str(len(row.seeds)), *each])
+        cells.append([name, str(len(row.seeds)), *each])
     same = [row.config.paper_name for row in agents if row.config.fps == OFFICIAL_FPS]
-    paper, names = paper_numbers()["agents"], dict.fromkeys(["Human", "Oracle", *same])
-    for name in names:
+    paper = paper_numbers()["agents"]
+    for name in dict.fromkeys(["Human", "Oracle", *same]):
         if name in paper:
             each = [f"{paper[name][split][0]:.1f} {paper[name][split][1]:.0f}%" for split in COLUMNS]
             cells.append([f"paper: {name}", "-", *each])
@@ -183,6 +205,7 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
             shown.add_row(*cells)
         console.print(shown)
     console.print("Mean over seeds and share solved, [95 % t interval], interquartile mean.")
+    console.print(RATES_OF_PAPER)
     if curves is not None:
         draw_curves(curves, agents)
     if bars is not None:
@@ -199,14 +222,14 @@ def draw_curves(path: Path, agents: Sequence[Row]) -> None:
     """Learning curves: mean over seeds of each update's reward against decisions, with the range of the seeds."""
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
-    for k, row in enumerate(agents):
+    for k, (row, name) in enumerate(zip(agents, names(agents), strict=True)):
         lines = [logs.read(seed.path, ("reward", "decisions")) for seed in row.seeds]
         length = min(len(each) for each in lines)
         if length < 2:
             continue
         reward = np.array([[float(line["reward"]) for line in each[:length]] for each in lines])
         decisions = np.mean([[float(line["decisions"]) for line in each[:length]] for each in lines], axis=0)
-        axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, color=_colour(k), label=row.name)
+        axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, color=_colour(k), label=name)
         axes.fill_between(decisions, reward.min(axis=0), reward.max(axis=0), color=_colour(k), alpha=0.15)
     axes.set(xscale="log", xlabel="decisions", ylabel="mean reward of training episodes")
     axes.grid(alpha=0.3)
@@ -219,13 +242,13 @@ def draw_bars(path: Path, agents: Sequence[Row]) -> None:
     figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
     axes, splits = figure.add_subplot(), COLUMNS[:-1]
     width = 0.85 / len(agents)
-    for k, row in enumerate(agents):
+    for k, (row, name) in enumerate(zip(agents, names(agents), strict=True)):
         summaries = [row.summary("sampled", split) for split in splits]
         heights = [each.mean if each else 0.0 for each in summaries]
         low = [each.mean - each.low if each and each.seeds > 1 else 0.0 for each in summaries]
         high = [each.high - each.mean if each and each.seeds > 1 else 0.0 for each in summaries]
         places = np.arange(len(splits)) + (k - (len(agents) - 1) / 2) * width
-        bars: dict[str, Any] = {"color": _colour(k), "error_kw": {"linewidth": 0.7}, "label": row.name}
+        bars: dict[str, Any] = {"color": _colour(k), "error_kw": {"linewidth": 0.7}, "label": name}
         axes.bar(places, heights, width, yerr=[low, high], **bars)
     for k, split in enumerate(splits):
         human = paper_numbers()["agents"]["Human"][split][0]
