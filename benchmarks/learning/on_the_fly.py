@@ -4,8 +4,8 @@
     python -m benchmarks.learning.on_the_fly --out docs/results --test    # plays the forty games too, and counts it
 
 The mode takes the most likely action at each decision; the median waits until half of the policy's chance of acting has
-passed (`train/hazard.py`). The rule was chosen on the basic games and their unseen layouts. The table of all forty games
-has the scores that ship with the weights; with --test these are written anew.
+passed (`train/hazard.py`). The rule was chosen on the basic games and their unseen layouts. The table of all forty
+games has the scores that ship with the weights; with --test these are written anew.
 """
 
 from __future__ import annotations

@@ -17,10 +17,11 @@ from rich.console import Console
 from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, ask, classifier, data, generate, render, scenes, sequence, train, viewer, world
+from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, world
 from iphyre_jax.cli.console import CommandConsole, option, say
-from iphyre_jax.cli.render import Plan, Render
-from iphyre_jax.cli.viewer import PlayPage, Replay, Score
+from iphyre_jax.cli.viewer import pages, render
+from iphyre_jax.cli.viewer.pages import PlayPage, Replay, Score
+from iphyre_jax.cli.viewer.render import Plan, Render
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.execution.forks import check_fork
@@ -167,9 +168,9 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),
     "render": (Render, render.render),
-    "replay": (Replay, viewer.replay),
-    "play": (PlayPage, viewer.play),
-    "score": (Score, viewer.score),
+    "replay": (Replay, pages.replay),
+    "play": (PlayPage, pages.play),
+    "score": (Score, pages.score),
     "collect": (data.Collect, data.run),
     "generate": (generate.Generate, generate.run),
 }

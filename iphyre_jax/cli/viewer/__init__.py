@@ -1,0 +1,1 @@
+"""Commands of the viewer: pictures, films and pages. Need the extra `train`; pictures and films also `viewer`."""
