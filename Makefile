@@ -187,7 +187,7 @@ results-sequence: .venv/.stamp ## train every sequence model and write docs/resu
 results-world: .venv/.stamp ## train the world models, three seeds each, and write docs/results/world.md; goes on where it stopped
 	.venv/bin/iphyre-jax world compare --weights iphyre_jax/models/world/weights
 
-results-models: results-sequence results-world results-controllers results-language ## all of the above, one after the other
+results-models: results-sequence results-world results-controllers results-language ## sequence models, world models, controllers, language models, one after the other
 
 # The variable silences an announcement of the theme's makers; warnings still end the build.
 docs: $(DOCS_VENV)/.stamp ## build the site of docs/ into build/site; it loads nothing from the network

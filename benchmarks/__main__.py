@@ -20,6 +20,7 @@ from benchmarks.measure import compare
 from benchmarks.report import Results
 from benchmarks.worker_pool import GAME_FACTOR, WorkerPool
 from benchmarks.workload import make_workload
+from iphyre_jax.checks import check_option
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
 from parity.command import options_as_json, progress_bar, report_console, require_at_least
@@ -70,16 +71,15 @@ class Options:
 
         Raises:
             ValueError: an option is wrong; the message names it and what was expected.
-            OSError: a scene file cannot be read.
         """
         require_at_least(self, repeats=1, plans=1, cores=1, seed=0)
         if not self.parts or not self.fps or not self.batches or min(self.batches) < 1:
             raise ValueError("--parts, --fps, --batches: expected at least one value, and batches of at least 1")
         games = self.games or iphyre_jax.GAMES
         for game in games:
-            iphyre_jax.load_scene(game)
+            check_option("--games", game, iphyre_jax.GAMES)
         changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
-        without = self.without or (("jax2d",) if self.quick else ())
+        without = tuple(dict.fromkeys((*self.without, *(("jax2d",) if self.quick else ()))))
         return Options(**{**vars(self), "games": tuple(games), "without": without, **changes})
 
 
@@ -113,7 +113,8 @@ def measure(options: Options, results: Results, log: Log) -> None:
     workloads += [(game,) for game in o.games] if "games" in o.parts and len(o.games) > 1 else []
     if workloads:
         measure_engines(o, workloads, results, log)
-    jobs = [[game] for game in startup.one_game_per_size() if game in o.games]
+    sizes = [game for game in startup.one_game_per_size() if game in o.games]
+    jobs = [[game] for game in sizes or o.games]
     jobs += [list(o.games)] if len(o.games) > 1 else []
     if "startup" in o.parts:
         log.start("times to a first result", len(jobs))

@@ -80,6 +80,8 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         seed = checked_seed(seed)
         if options is not None:
             check_instance("options", options, dict, 'a dict such as {"game": "hole"} or None')
+        if unknown := [str(name) for name in options or {} if name != "game"]:
+            raise ValueError(f"options: expected none but game, got {', '.join(unknown)}")
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")

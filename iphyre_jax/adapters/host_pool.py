@@ -75,7 +75,9 @@ class HostPool:
         self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
         check_batch("num_envs", self.env, num_envs)
         self.observation_space, self.action_space = self.env.observation_space(), self.env.action_space()
-        self._key = np.asarray(jax.random.key_data(jax.random.key(self._seed % 2**32)))
+        low, high = self._seed % 2**32, self._seed // 2**32
+        key = jax.random.fold_in(jax.random.key(low), high) if high else jax.random.key(low)
+        self._key = np.asarray(jax.random.key_data(key))
         self._counts = np.zeros(num_envs, np.uint32)  # decisions of each world, resets included
         self._waiting = np.zeros(num_envs, bool)  # worlds whose values the caller has
         self._state: EnvState | None = None  # of all worlds; only the thread below touches it after the first reset

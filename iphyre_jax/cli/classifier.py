@@ -82,7 +82,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         sets = play_sets(action.root / "data", console)
         _print(compare.make_row(action.root, config, sets, console), console)
     else:
-        _print(storage.RUNS.read_evaluation(action.run), console)
+        _print(storage.RUNS.read_evaluation(action.run, row=str, columns=dict), console)
 
 
 def _print(evaluation: Mapping[str, Any], console: Console) -> None:

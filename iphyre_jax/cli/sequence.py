@@ -83,7 +83,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         config = row_of(compare.ROWS, action.row)
         _print(compare.make_row(action.root, config, console), console)
     else:
-        _print(storage.RUNS.read_evaluation(action.run), console)
+        _print(storage.RUNS.read_evaluation(action.run, row=str, settings=dict, modes=dict), console)
 
 
 def best_known(fps: int) -> dict[str, tuple[float, float]]:

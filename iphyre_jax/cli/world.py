@@ -13,7 +13,7 @@ from rich.console import Console
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import check_picture, option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.cli.viewer.render import Plan
 from iphyre_jax.files import replace_text
@@ -156,6 +156,8 @@ def _evaluate(action: Evaluate, console: Console) -> None:
 
 def _film(action: Film, console: Console) -> None:
     scene = load_scene(action.scene)
+    check_picture("out", action.out, (".html", ".png", ".gif", ".mp4"))
+    check_picture("errors", action.errors)
     found = roll_out_plan(storage.named_model(action.model), scene, parse_plan(action.plan, scene)[0])
     model = Path(action.model).name
     plays = {"simulator": found.real, model: found.imagined}
@@ -177,6 +179,7 @@ def _plan(action: PlanInModel, console: Console) -> None:
     scene = load_scene(action.scene)
     check_whole("plans", action.plans)
     check_whole("best", action.best, 1, action.plans)
+    check_whole("seed", action.seed, 0)
     model = storage.named_model(action.model)
     times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
     imagined = WorldImagination(model)(scene, times)

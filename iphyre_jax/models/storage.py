@@ -128,8 +128,12 @@ class RunFolders(Generic[S]):
         forget_programs()
         return self.read_evaluation(published)
 
-    def read_evaluation(self, folder: Path) -> dict[str, Any]:
+    def read_evaluation(self, folder: Path, **fields: type) -> dict[str, Any]:
         """The evaluation of a run.
+
+        Args:
+            folder: of the run.
+            **fields: kinds of the values that the caller reads.
 
         Raises:
             FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
@@ -138,7 +142,11 @@ class RunFolders(Generic[S]):
         if not file.is_file():
             self.read_config(folder)  # which tells what is no run folder
             raise FileNotFoundError(f"{folder}: expected a run trained to its end, but there is no {EVALUATION}")
-        return read_versioned(file, self.schema, (VERSION,))
+        content = read_versioned(file, self.schema, (VERSION,))
+        for field, kind in fields.items():
+            if not isinstance(content.get(field), kind):
+                raise ValueError(f"{file}: {field}: expected a {kind.__name__}, got {show(content.get(field))}")
+        return content
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,7 @@ BAD = {
     "human": (lambda: GymnasiumEnv("on-the-fly/support-v1", render_mode="human"), "render_mode: expected"),
     "game": (lambda: GymnasiumEnv("on-the-fly/hole-v1").reset(options={"game": "spring"}), "options: expected a game"),
     "seeds": (lambda: GymnasiumVectorEnv("on-the-fly/hole-v1", 2).reset(seed=[1]), "seed: expected 2, one for each"),
+    "option": (lambda: GymnasiumEnv("on-the-fly/hole-v1").reset(options={"a": 1}), "options: expected none but game"),
     "options": (lambda: GymnasiumVectorEnv("on-the-fly/hole-v1").reset(options={"a": 1}), "options: expected none"),
 }
 

@@ -24,6 +24,12 @@ def _actions(worlds: np.ndarray, decision: int) -> np.ndarray:
     return (worlds + decision) % 3
 
 
+def test_all_of_a_seed_counts() -> None:
+    """Its upper 32 bits too."""
+    seen = [HostPool("on-the-fly/basic-v1", 16, seed=seed).reset()[0].tolist() for seed in (1, 1 + 2**32, 1)]
+    assert seen[0] == seen[2] != seen[1]
+
+
 def test_batches_of_half_the_worlds_play_what_one_batch_plays(pool: HostPool) -> None:
     whole = HostPool("on-the-fly/support-v1", WORLDS)
     obs, info = whole.reset()

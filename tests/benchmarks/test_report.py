@@ -123,7 +123,7 @@ def test_one_game_stands_for_each_number_of_moving_bodies() -> None:
     [
         (["--repeats", "0"], "--repeats: expected a whole number of at least 1, got 0"),
         (["--seed", "-1"], "--seed: expected a whole number of at least 0, got -1"),
-        (["--games", "hol"], "scene: expected the name of a game"),
+        (["--games", "hol"], "--games: expected one of support, hinder"),
         (["--batches", "0"], "--batches"),
         (["--fps"], "--fps"),
     ],

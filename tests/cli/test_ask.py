@@ -71,6 +71,7 @@ def test_the_hand_written_replies_make_a_table(capsys: pytest.CaptureFixture[str
         (["support", "--replay", "--fps", "30"], "fps: expected one of 60, 10"),
         (["support", "--replay", "--prompt", "physics"], "replay: support, sample 0, attempt 1, question 1: expected"),
         (["support", "--replay", "--attempts", "0"], "attempts: expected a whole number"),
+        (["support", "--replay", "--record", "a.jsonl"], "record: expected none with --replay, got 'a.jsonl'"),
     ],
 )
 def test_a_mistake_gets_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -189,7 +189,7 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     assert "2 plays" in capsys.readouterr().out
     assert run(["score", str(plays)]) == 0
     printed = capsys.readouterr()
-    assert "somebody at 60 steps a second" in printed.out
+    assert "somebody at 60 steps a second, float64, reset 1" in printed.out
     assert "975.65" in printed.out
     assert "966.08" in printed.out  # the paper's people
     assert not printed.err
@@ -221,6 +221,14 @@ def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsy
         (["render", "all", "-o", "a.mp4"], "expected a name that ends in .png"),
         (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds from 0 on, or never"),
         (["render", "best", "--game", "nothing", "-o", "a.png"], "game: expected a game with plays in best"),
+        (["render", "hole", "--game", "fill", "-o", "a.png"], "game: expected none for hole, got 'fill'"),
+        (["render", "all", "--frame", "3", "-o", "a.png"], "frame: expected none for all, got 3"),
+        (["render", "best", "--fps", "10", "-o", "a.png"], "fps: expected none for best, got 10"),
+        (["render", "best", "--game", "hole", "--columns", "3", "-o", "a.png"], "columns: expected none for best with"),
+        (["world", "film", "hole", "-o", "a.txt"], "out: expected a file name that ends in .html, .png, .gif, .mp4"),
+        (["world", "film", "hole", "-o", "a.html", "--errors", "no/e.png"], "errors: expected a file in a folder that"),
+        (["world", "plan", "hole", "--seed", "-1"], "seed: expected a whole number of at least 0, got -1"),
+        (["compare", "none", "--bars", "a.foo"], "bars: expected a file name that ends in .png, .pdf, .svg"),
         (["replay", "none.jsonl"], "none.jsonl: expected a file of plays"),
         (["replay", "best", "--games", "nothing"], "games: expected games with plays"),
         (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),

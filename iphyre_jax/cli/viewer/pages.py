@@ -21,7 +21,7 @@ from iphyre_jax.cli.console import option, say, warnings_in_one_line
 from iphyre_jax.scenes import Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
-from iphyre_jax.viewer.load_plays import each_play, load_plays
+from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api
 from iphyre_jax.viewer.play.server import PlayServer
@@ -48,7 +48,8 @@ class PlayPage:
 
     attempts: Annotated[Path, option("FILE", "File of plays to which each attempt is added.")] = Path("attempts.jsonl")
     agents: Annotated[
-        tuple[str, ...], option("SOURCE ...", "Files of plays and run folders to compare with.", "the best known plans")
+        tuple[str, ...],
+        option("SOURCE ...", "Files of plays and run folders to compare with, besides the best known plans.", "none"),
     ] = ()
     scenes: Annotated[tuple[Path, ...], option("FILE ...", "Scene files to play besides the games.", "none")] = ()
     name: Annotated[str, option("NAME", "Your name in the file of attempts.")] = "you"
@@ -83,7 +84,7 @@ def replay(command: Replay, console: Console) -> None:
 @warnings_in_one_line()
 def play(command: PlayPage, console: Console) -> None:
     """`iphyre-jax play`."""
-    agents = [entry for source in command.agents for entry in load_plays(source)]
+    agents = [entry for source in command.agents if source != BEST for entry in load_plays(source)]
     scenes = [read_scene(path) for path in command.scenes]
     if not 0 <= command.port < 65536:
         raise ValueError(f"port: expected 0 to 65535, got {command.port}")
@@ -109,16 +110,17 @@ def play(command: PlayPage, console: Console) -> None:
 def score(command: Score, console: Console) -> None:
     """`iphyre-jax score`: replay a file of plays and print each agent's rewards by game.
 
-    Tables never mix frame rates. The best of the first five attempts is shown beside the mean of people in the paper.
+    Tables never mix frame rates, number types or resets. The best of the first five attempts is shown beside the mean
+    of people in the paper.
     """
-    groups: dict[tuple[int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
+    groups: dict[tuple[int, str, int, str], dict[Scene, list[float]]] = defaultdict(lambda: defaultdict(list))
     for entry in each_play(command.plays):
         recording = entry.record()
-        groups[entry.fps, entry.agent][entry.scene].append(recording.reward)
+        groups[entry.fps, entry.dtype, entry.resets, entry.agent][entry.scene].append(recording.reward)
         if difference := entry.difference(recording):
             say(console, f"{entry.agent}, {entry.scene.name}: the file says {difference}")
-    for (fps, agent), games in sorted(groups.items(), key=lambda group: group[0]):
-        say(console, f"{agent} at {fps} steps a second")
+    for (fps, dtype, resets, agent), games in sorted(groups.items(), key=lambda group: group[0]):
+        say(console, f"{agent} at {fps} steps a second, {dtype}, reset {resets}")
         console.print(_score_table(games, fps))
 
 

@@ -240,6 +240,8 @@ def test_the_shipped_scenes_are_described(capsys: pytest.CaptureFixture[str]) ->
         (["--out", "a.npz", "--count", "0"], "count: expected a whole number of at least 1"),
         (["--out", "a.npz", "--seed", "-1"], "seed: expected a whole number of at least 0"),
         (["--describe", "missing.npz"], "missing.npz"),
+        (["--describe", "missing.npz", "--count", "5"], "count: expected none with --describe, got 5"),
+        (["--out", "a.npz", "--sheet", "a.gif"], "sheet: expected a file name that ends in .png"),
     ],
 )
 def test_mistakes_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

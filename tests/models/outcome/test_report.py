@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -66,5 +67,9 @@ def test_cells() -> None:
 def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["classifier", "evaluate", str(tmp_path)]) == cli.ERROR
     assert "not a run folder, there is no config.json" in capsys.readouterr().err
+    content = {"schema": storage.RUNS.schema, "version": VERSION, "row": "a"}
+    (tmp_path / "evaluation.json").write_text(json.dumps(content))
+    assert cli.run(["classifier", "evaluate", str(tmp_path)]) == cli.ERROR
+    assert "evaluation.json: columns: expected a dict, got None" in capsys.readouterr().err
     assert cli.run(["classifier", "train", "nothing"]) == cli.ERROR
     assert capsys.readouterr().err.startswith("iphyre-jax: row: expected one of paper-global, ")

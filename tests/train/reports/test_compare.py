@@ -41,6 +41,16 @@ def test_nothing_in_common_is_no_difference() -> None:
     assert np.isnan(own.low)
 
 
+def test_rows_of_one_name_tell_how_they_differ() -> None:
+    config = preset("ppo", "in-advance", "quick")
+    changed = dataclasses.replace(config, resets=1, updates=7)
+    other = preset("ppo", "combined")
+    names = compare.names(compare.rows([run(one, 0, 1.0) for one in (config, changed, other)]))
+    assert names[0] == f"PPO-I quick, {config.head}, official, resets {config.resets}, updates {config.updates}"
+    assert names[1] == f"PPO-I quick, {config.head}, official, resets 1, updates 7"
+    assert names[2] == compare.rows([run(other, 0, 1.0)])[0].name
+
+
 def test_rates_never_share_a_table() -> None:
     config = preset("ppo", "combined")
     with pytest.raises(ValueError, match=r"expected one frame rate, got 10, 60"):
