@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import secrets
 import socket
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -171,7 +172,8 @@ def replacing(target: Path) -> Iterator[Path]:
 
     The name ends as the target's does, in lower case. After an error the target is as it was, and no draft stays.
     """
-    draft = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix.lower()}")
+    # Drawn: threads, and processes of equal numbers on other machines, may write the same file.
+    draft = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix.lower()}")
     try:
         with naming(target, draft):
             yield draft
@@ -239,7 +241,13 @@ def locked(folder: Path) -> Iterator[None]:
         BlockingIOError: another process holds it; one line that names the process and its machine.
         OSError: the file cannot be written.
     """
-    path = folder / LOCK
+    with lock_file(folder / LOCK):
+        yield
+
+
+@contextmanager
+def lock_file(path: Path) -> Iterator[None]:
+    """Do what `locked` does, by another file."""
     handle = _take_lock(path)
     while handle is not None and not _still_there(path, handle):  # its holder has just ended and removed it
         os.close(handle)

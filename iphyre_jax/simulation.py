@@ -28,6 +28,7 @@ from iphyre_jax.execution.configuration import threads
 from iphyre_jax.execution.devices import LANES, Partition, check_same_call, partition_of
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
+from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.memory import check_memory
 from iphyre_jax.physics.types import Topology
 from iphyre_jax.rules import episode_reward
@@ -178,6 +179,9 @@ def _check_memory(scenes: list[Scene], topologies: list[Topology], plan: npt.NDA
     """Refuse a call whose results, plans and groups under way need more memory than is free."""
     count, slots = plan.shape
     results = count * (100 + 60 * slots)  # a few numbers a plan, and those that sort the plans
+    if of.share_prefixes:  # whole episodes, before and after a segment
+        layouts = [episode_layout(topology, of.dtype) for topology in topologies]
+        results += 2 * count * max((layout.rows * layout.word_size for layout in layouts), default=0)
     if of.sample_every is None or not count:
         check_memory("eliminate_at", results, "play fewer plans at a time")
         return

@@ -12,7 +12,7 @@ from rich.console import Console
 import iphyre_jax
 from iphyre_jax.physics import Topology
 from iphyre_jax.scenes.compile import topology_of
-from parity.command import options_as_json, progress_bar, report_console, require_at_least
+from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
 from parity.reports.report import publish, run_info
@@ -84,13 +84,9 @@ def check(options: Options) -> None:
     for part in options.perturbations:
         if not 0 < abs(part) < 1:
             raise ValueError(f"--perturbations: expected numbers between -1 and 1 but not 0, got {part}")
-    for name in ("fps", "dtype"):
-        if not getattr(options, name):
-            raise ValueError(f"--{name}: expected at least one value")
-    for fps in options.fps:
-        steps = options.duration * fps
-        if not (1 <= steps < math.inf and abs(steps - round(steps)) <= 1e-6 * steps):
-            raise ValueError(f"--duration: expected a whole number of steps at {fps} fps, got {options.duration} s")
+    if not options.dtype:
+        raise ValueError("--dtype: expected at least one value")
+    require_rates(options.fps, options.duration)
     for scene in scenes(options):
         iphyre_jax.load_scene(scene)
 

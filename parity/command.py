@@ -1,6 +1,8 @@
 """What the commands of `parity` and `benchmarks` share: checks of options, consoles, progress bars."""
 
+import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,20 @@ def require_at_least(options: object, **least: int) -> None:
     """
     for name, value in least.items():
         check_whole(f"--{name}", getattr(options, name), value)
+
+
+def require_rates(fps: Sequence[int], duration: float) -> None:
+    """Check the rates of a comparison and the seconds of a play.
+
+    Raises:
+        ValueError: there is no rate, or a play has no whole number of steps; one line.
+    """
+    if not fps:
+        raise ValueError("--fps: expected at least one value")
+    for rate in fps:
+        steps = duration * rate
+        if not (1 <= steps < math.inf and abs(steps - round(steps)) <= 1e-6 * steps):
+            raise ValueError(f"--duration: expected a whole number of steps at {rate} fps, got {duration} s")
 
 
 def options_as_json(options: object) -> dict[str, Any]:

@@ -6,12 +6,13 @@ import io
 import os
 import tracemalloc
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from iphyre_jax.files import LOCK, locked, read_npz, replace_json
+from iphyre_jax.files import LOCK, locked, read_npz, replace_bytes, replace_json
 
 MOST = 2**20
 
@@ -96,6 +97,21 @@ def test_an_error_names_the_file_and_not_its_draft(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as caught:
         replace_json(target, {})
     assert str(caught.value) == f"[Errno 2] No such file or directory: '{target}'"
+
+
+def test_threads_write_one_file_and_it_is_whole_at_any_moment(tmp_path: Path) -> None:
+    target, contents = tmp_path / "a.bin", [bytes([k]) * 100_000 for k in range(3)]
+    replace_bytes(target, contents[0])
+    with ThreadPoolExecutor(len(contents)) as threads:
+        writing = [
+            threads.submit(lambda content=content: [replace_bytes(target, content) for _ in range(30)])
+            for content in contents
+        ]
+        while not all(one.done() for one in writing):
+            assert target.read_bytes() in contents
+    for one in writing:
+        one.result()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.bin"]
 
 
 def test_a_lock_is_exclusive_and_leaves_nothing(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ def test_a_call_is_refused_with_both_figures_and_the_remedy(monkeypatch: pytest.
         memory.check_memory("count", 1.5e9, "draw fewer")
 
 
-@pytest.mark.parametrize("name", ["sample_every", "episodes", "count", "num_envs", "times"])
+@pytest.mark.parametrize("name", ["sample_every", "eliminate_at", "episodes", "count", "num_envs", "times"])
 def test_every_call_of_any_size_asks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each takes a gigabyte or less, for which there is no room here."""
     monkeypatch.setattr(memory, "available", lambda: 0)
@@ -33,6 +33,9 @@ def test_every_call_of_any_size_asks(name: str, monkeypatch: pytest.MonkeyPatch)
 
     calls = {
         "sample_every": lambda: iphyre_jax.simulate("hole", np.zeros((5000, 1), int), sample_every=1),
+        "eliminate_at": lambda: iphyre_jax.simulate_many(  # results alone are a third of what is asked for
+            ["hole"], np.zeros(120_000, int), np.zeros((120_000, 1), int), share_prefixes=True
+        ),
         "episodes": lambda: iphyre_jax.evaluate(nothing, ["hole"], strategy="on-the-fly", episodes=30_000),
         "count": lambda: vary(load_scene("hole"), 20_000),
         "num_envs": lambda: GymnasiumVectorEnv("in-advance/hole-v1", 200_000),

@@ -47,14 +47,22 @@ def check_params(params: object, worlds: Worlds) -> None:
 
 
 def check_state(state: object, worlds: Worlds) -> None:
-    """Refuse what is not a state of this backend; ValueError in one line."""
-    check_instance("state", state, worlds.state_type, "a state that reset or step of this backend has returned")
+    """Refuse what is not one state of these worlds; ValueError in one line."""
+    wanted = "a state that reset or step of this environment has returned"
+    check_instance("state", state, worlds.state_type, wanted)
+    if getattr(state, "state_of", "") != worlds.state_of:
+        raise ValueError(f"state: expected {wanted}, got one of another environment")
+    shape = np.shape(jax.tree.leaves(state)[0])
+    if len(shape) != 1:
+        raise ValueError(f"state: expected one state, got states of shape {shape[:-1]}; jax.vmap plays a batch")
 
 
 def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> None:
-    """Refuse what is no row of checked parameters; of an array only the shape and type; ValueError in one line."""
+    """Refuse what is no row of checked parameters, of a traced array only type and shape; ValueError in one line."""
     if isinstance(game, jax.Array | np.ndarray) and game.dtype.kind in "iu" and not game.shape:
-        return
+        if isinstance(game, jax.core.Tracer):
+            return
+        game = int(game)
     check_whole(name, game, least, params.games - 1)
 
 

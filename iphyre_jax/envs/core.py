@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Final, Literal, get_args
 
 import jax
@@ -31,7 +31,7 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.execution.interrupts import as_interrupts
 from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.physics.types import Topology
-from iphyre_jax.rules import ELIMINATION_REWARD, SECOND_REWARD, SUCCESS_REWARD
+from iphyre_jax.rules import DECISIONS_PER_SECOND, ELIMINATION_REWARD, FRAMES, SECOND_REWARD, SUCCESS_REWARD
 from iphyre_jax.scenes import Limits, Scene, SceneLike, load_scenes
 from iphyre_jax.scenes.limits import OFFICIAL, check_limits
 
@@ -93,8 +93,12 @@ class Environment:
         check_instance("protocol", self.protocol, EpisodeProtocol, "an EpisodeProtocol")
         if not isinstance(self.topologies, tuple) or not all(isinstance(one, Topology) for one in self.topologies):
             raise ValueError(f"topologies: expected a tuple of topologies, got {show(self.topologies)}")
+        most = min((topology.max_steps for topology in self.topologies), default=self.protocol.steps)
+        if self.protocol.steps > most:
+            fps = most // FRAMES * DECISIONS_PER_SECOND
+            raise ValueError(f"fps: expected at most {fps} for scenes of this size, got {self.protocol.fps}")
 
-    @property
+    @cached_property
     def worlds(self) -> Worlds:
         """What plays its episodes."""
         protocol = replace(self.protocol, name="")  # names do not matter
@@ -173,7 +177,7 @@ class Environment:
         """Begin an episode of a given game.
 
         Args:
-            game: () int32, row of the parameters.
+            game: () int32, row of the parameters; a traced one that is none stands for the nearest.
             params: the games.
 
         Returns:
@@ -192,7 +196,7 @@ class Environment:
 
     @partial(jax.jit, static_argnums=0)
     def _reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        obs, state = self.worlds.reset(params, game)
+        obs, state = self.worlds.reset(params, jnp.clip(game, 0, params.games - 1))
         return self._observation(params, state, obs), state
 
     def step(
@@ -244,7 +248,7 @@ class Environment:
             state: of the episode.
             action: an array of the action space.
             params: the games.
-            next_game: () int32, row of the parameters; -1 to leave an ended episode as it is.
+            next_game: () int32, row of the parameters, see `reset_to`; -1 to leave an ended episode as it is.
 
         Returns:
             See `step`.
@@ -252,6 +256,7 @@ class Environment:
         check_state(state, self.worlds)
         check_params(params, self.worlds)
         check_game("next_game", next_game, params, NO_GAME)
+        next_game = jnp.clip(jnp.asarray(next_game, jnp.int32), NO_GAME, params.games - 1)
         before = self.worlds.status(params, state)
         planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)

@@ -101,7 +101,7 @@ def evaluate(
         image_size: px, see `make`.
         episodes: of each game, 1 to 1,000,000 if memory allows, all played side by side.
         key: random key; `jax.random.key(0)` if none is given.
-        dtype: of the physics; "float64" needs `jax.enable_x64(True)`.
+        dtype: of the physics. "float64" is played under `jax.enable_x64(True)`, which may be on or off outside.
         limits: of the scenes, see `make`.
 
     Raises:
@@ -129,7 +129,7 @@ def evaluate(
     decisions = environment.strategy.decisions
     check_batch("episodes", environment, params.games * episodes, decisions)
     batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
-    with jax.enable_x64(dtype == "float64"):
+    with jax.enable_x64(dtype == "float64" or jax.dtypes.canonicalize_dtype("float64") == "float64"):
         _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
     _check_actions(environment, np.asarray(batch.game), steps)
     return _scores(environment, np.asarray(batch.game), steps)

@@ -6,7 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import jax
@@ -70,7 +70,7 @@ class Worlds(ABC):
     keep_final: whether `step` also returns an ended episode before its reset.
     """
 
-    state_type: ClassVar[type[EnvState]]
+    state_type: ClassVar[type[EnvState]]  # made by its arrays and `state_of`
 
     topologies: tuple[Topology, ...]
     dtype: str
@@ -80,10 +80,15 @@ class Worlds(ABC):
     no_op: bool
     keep_final: bool
 
-    @property
-    def made_for(self) -> str:
-        """What parameters must be made for: all attributes that decide what is in them, as a digest."""
+    @cached_property
+    def state_of(self) -> str:
+        """What states are of: all attributes that decide what is in them, as a digest."""
         return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets)
+
+    @cached_property
+    def made_for(self) -> str:
+        """What parameters must be made for, as `state_of`."""
+        return self.state_of
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).

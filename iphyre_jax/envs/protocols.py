@@ -8,9 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 from iphyre_jax.checks import check_resets, show, whole_fps
-from iphyre_jax.rules import FRAMES
-
-FRAMES_PER_SECOND: Final = 10
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
 
 
 @dataclass(frozen=True)
@@ -32,14 +30,14 @@ class EpisodeProtocol:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if whole_fps(self.fps) % FRAMES_PER_SECOND:
-            raise ValueError(f"fps: expected a multiple of {FRAMES_PER_SECOND}, got {show(self.fps)}")
+        if whole_fps(self.fps) % DECISIONS_PER_SECOND:
+            raise ValueError(f"fps: expected a multiple of {DECISIONS_PER_SECOND}, got {show(self.fps)}")
         check_resets(self.resets)
 
     @property
     def steps_per_frame(self) -> int:
         """Physics steps from one decision to the next."""
-        return self.fps // FRAMES_PER_SECOND
+        return self.fps // DECISIONS_PER_SECOND
 
     @property
     def steps(self) -> int:

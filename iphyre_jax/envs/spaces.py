@@ -47,14 +47,14 @@ class Box:
             check_whole("shape", axis, 0, MAX_AXIS)
 
     def sample(self, key: jax.Array) -> jax.Array:
-        """Return a random member: uniform between the bounds, standard normal where there are none.
+        """Return a random member: uniform between the bounds, standard normal and cut where one is infinite.
 
         Raises:
             ValueError: it does not fit into memory; one line.
         """
         check_memory("shape", 8 * math.prod(self.shape), "sample a smaller space")
         if not np.isfinite([self.low, self.high]).all():
-            return jax.random.normal(key, self.shape, jnp.float32)
+            return jax.random.normal(key, self.shape, jnp.float32).clip(self.low, self.high)
         if self.dtype == "uint8":
             return jax.random.randint(key, self.shape, int(self.low), int(self.high) + 1, np.int32).astype(self.dtype)
         return jax.random.uniform(key, self.shape, self.dtype, self.low, self.high)
@@ -65,7 +65,7 @@ class Box:
         Raises:
             ValueError: it has another shape or is not numeric; one line.
         """
-        return _array(value, (*self.shape, *lanes), "fiu", "numbers")
+        return jnp.asarray(_checked(value, (*self.shape, *lanes), "fiu", "numbers"))
 
     def contains(self, value: npt.ArrayLike) -> bool:
         """Return whether a value has the shape and dtype and lies between the bounds (host)."""
@@ -109,7 +109,10 @@ class Discrete:
         Raises:
             ValueError: it has another shape or is not of integers; one line.
         """
-        return _array(value, lanes, "iu", "whole numbers")
+        array = _checked(value, lanes, "iu", "whole numbers")
+        if array.dtype.itemsize > np.dtype(np.int32).itemsize:  # narrowed, another number could become an action
+            array = array.clip(0 if array.dtype.kind == "u" else -1, self.n).astype(np.int32)
+        return jnp.asarray(array)
 
     def contains(self, value: npt.ArrayLike) -> bool:
         """Return whether a value is one whole number of the range (host)."""
@@ -120,8 +123,8 @@ class Discrete:
 Space = Box | Discrete
 
 
-def _array(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> jax.Array:
-    """Return an action as an array; inside `jax.jit` only its shape and dtype are checked."""
+def _checked(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> Any:  # noqa: ANN401 - of NumPy or JAX
+    """Return an action as an array of NumPy or JAX; inside `jax.jit` only its shape and dtype are checked."""
     try:
         array: Any = value if isinstance(value, jax.Array) else np.asarray(value)
     except ValueError:
@@ -130,4 +133,4 @@ def _array(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> ja
         raise ValueError(f"action: expected {wanted}, got dtype {array.dtype}")
     if array.shape != shape:
         raise ValueError(f"action: expected shape {shape}, got {array.shape}")
-    return jnp.asarray(array)
+    return array

@@ -89,8 +89,8 @@ def configure(
     also gives the cache folder to JAX, which then keeps your own programs there too.
 
     Args:
-        devices: number of threads that play, and of CPU devices that JAX shows if it has not started yet, 1 to 1024. By
-            default one thread for each usable core, and JAX's own number of devices.
+        devices: number of cores to play on, and of CPU devices that JAX shows if it has not started yet, 1 to 1024. One
+            thread more than that plays. By default all usable cores, and JAX's own number of devices.
         cache: folder that keeps compiled programs between processes, made with mode 0700; False for none. By default
             the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's cache folder
             (XDG_CACHE_HOME or ~/.cache). JAX keeps a folder that it already has.

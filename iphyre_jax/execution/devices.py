@@ -19,6 +19,7 @@ import numpy.typing as npt
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, PartitionSpec
 
+from iphyre_jax.checks import show
 from iphyre_jax.execution.compilation.executables import Run, executable, run_in_jax
 from iphyre_jax.execution.programs import Program, episode_layout
 from iphyre_jax.physics.types import Topology
@@ -80,7 +81,7 @@ def partition_of(mesh: Mesh | None) -> Partition:
     if mesh is None:
         return Partition(None)
     if not isinstance(mesh, Mesh):
-        raise ValueError(f"mesh: expected a jax.sharding.Mesh, from jax.make_mesh, or None, got {mesh!r}")
+        raise ValueError(f"mesh: expected a jax.sharding.Mesh, from jax.make_mesh, or None, got {show(mesh)}")
     processes = {device.process_index for device in mesh.devices.flat}
     process_index, process_count = jax.process_index(), jax.process_count()
     if processes not in ({process_index}, set(range(process_count))):

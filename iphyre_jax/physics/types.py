@@ -263,10 +263,11 @@ def check_parts(**parts: object) -> None:
     """Check the parts of a world by name: topology, world, timing and state; the world's shapes if there is a topology.
 
     Raises:
-        ValueError: one has another class, or the world is of another topology; one line.
+        ValueError: one has another class or dtype, JAX lacks its dtype, or the world is of another topology; one line.
     """
     for name, part in parts.items():
         check_instance(name, part, _PARTS[name], f"a {_PARTS[name].__name__} of iphyre_jax.physics")
+    _check_dtypes(**parts)
     topology, world = parts.get("topology"), parts.get("world")
     if not isinstance(topology, Topology) or not isinstance(world, World):
         return
@@ -277,3 +278,17 @@ def check_parts(**parts: object) -> None:
             if jnp.shape(leaf)[: len(one.shape)] != one.shape:
                 wanted = f"shape {one.shape} (and lanes behind) of {field.name}, by the topology"
                 raise ValueError(f"world: expected {wanted}, got {jnp.shape(leaf)}")
+
+
+def _check_dtypes(**parts: object) -> None:
+    """Refuse parts whose floating-point numbers are of several types, or of one that JAX would turn into another."""
+    of = {}
+    for name, part in parts.items():
+        for leaf in jax.tree.leaves(part) if name != "topology" else ():
+            if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating):
+                of[name] = leaf.dtype.name
+    for name, dtype in of.items():
+        if jax.dtypes.canonicalize_dtype(dtype) != dtype:
+            raise ValueError(f"{name}: expected jax.enable_x64(True) around {dtype}, or one made with float32")
+        if dtype != (first := next(iter(of.values()))):
+            raise ValueError(f"{name}: expected dtype {first}, as of {next(iter(of))}, got {dtype}")

@@ -18,6 +18,7 @@ class ObjectRef:
 
     is_ball: bool
     index: int  # among the builder's blocks, or among its balls
+    builder: SceneBuilder
 
 
 class SceneBuilder:
@@ -58,7 +59,7 @@ class SceneBuilder:
         check_flag("eliminable", eliminable)
         check_flag("dynamic", dynamic)
         self._blocks.append((start, end, eliminable, dynamic))
-        return ObjectRef(False, len(self._blocks) - 1)
+        return ObjectRef(False, len(self._blocks) - 1, self)
 
     def ball(self, centre: Point, radius: float = 20.0) -> ObjectRef:
         """Add a ball.
@@ -71,7 +72,7 @@ class SceneBuilder:
             raise ValueError(f"centre: expected x, y in px, got {show(centre)}")
         x, y = centre
         self._balls.append((x, y, radius))
-        return ObjectRef(True, len(self._balls) - 1)
+        return ObjectRef(True, len(self._balls) - 1, self)
 
     def joint(self, first: ObjectRef, second: ObjectRef) -> None:
         """Keep the centres of two objects at their initial distance."""
@@ -101,9 +102,11 @@ class SceneBuilder:
         )
 
     def _checked(self, first: ObjectRef, second: ObjectRef) -> tuple[ObjectRef, ObjectRef]:
-        """Return two objects; ValueError in one line unless `block` or `ball` has returned both."""
+        """Return two objects; ValueError in one line unless `block` or `ball` of this builder has returned both."""
         for name, ref in (("first", first), ("second", second)):
             check_instance(name, ref, ObjectRef, "an object that block or ball has returned")
+            if ref.builder is not self:
+                raise ValueError(f"{name}: expected an object of this builder, got one of another")
         return first, second
 
     def _pairs(self, pairs: list[tuple[ObjectRef, ObjectRef]]) -> tuple[tuple[int, int], ...]:

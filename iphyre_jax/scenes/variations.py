@@ -17,7 +17,7 @@ from iphyre_jax.checks import MAX_SEED, check_flag, check_least, check_whole, sh
 from iphyre_jax.memory import check_memory
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes.geometry import TOLERANCE, Floats, Layouts, gaps, outside
-from iphyre_jax.scenes.limits import MAX_COORDINATE, MIN_LENGTH
+from iphyre_jax.scenes.limits import MAX_COORDINATE, MAX_NAME, MIN_LENGTH
 from iphyre_jax.scenes.scene import Scene, check_is_scene
 
 VALID: Final = ""
@@ -149,7 +149,7 @@ def vary(
     allowed = _pad_overlaps(original, scene.n_blocks, extra_blocks)
     reasons = refusal_reasons(layouts, allowed)
     taken = tuple(
-        _varied_scene(scene, f"{scene.name}~{seed}.{b}", layouts.bars[b], layouts.balls[b])
+        _varied_scene(scene, f"~{seed}.{b}", layouts.bars[b], layouts.balls[b])
         for b, reason in enumerate(reasons)
         if reason == VALID
     )
@@ -187,15 +187,18 @@ def _pad_overlaps(overlaps: Floats, bars: int, added: int) -> Floats:
     return np.insert(rows, [bars] * added, 0.0, axis=1)
 
 
-def _varied_scene(original: Scene, name: str, bars: Floats, balls: Floats) -> Scene:
-    """Return a scene with the flags and pairs of the original; added blocks come after its own blocks."""
+def _varied_scene(original: Scene, suffix: str, bars: Floats, balls: Floats) -> Scene:
+    """Return a scene with the flags and pairs of the original; added blocks come after its own blocks.
+
+    suffix: of the name, the same for no other scene; a long name of the original is cut before it.
+    """
     added, own = len(bars) - original.n_blocks, original.n_blocks
 
     def renumbered(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
         return tuple((i + added * (i >= own), j + added * (j >= own)) for i, j in pairs)
 
     return Scene(
-        name=name[:100],
+        name=original.name[: MAX_NAME - len(suffix)] + suffix,
         blocks=bars,
         balls=balls,
         eliminable=np.insert(original.eliminable, [own] * added, False),

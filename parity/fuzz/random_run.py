@@ -15,7 +15,7 @@ from rich.console import Console
 
 from iphyre_jax import Scene
 from parity.__main__ import PLAYS_A_TASK, Rate
-from parity.command import options_as_json, progress_bar, report_console, require_at_least
+from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates
 from parity.compare import PlanComparison
 from parity.divergences import DivergedPlan
 from parity.fuzz.random_scenes import TEMPLATES, random_scene
@@ -198,6 +198,7 @@ def main(arguments: list[str] | None = None) -> int:
     console = report_console()
     try:
         require_at_least(options, scenes=1, plans=1, resets=1, workers=1, seed=0, shrink=0)
+        require_rates(options.fps, options.duration)
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2

@@ -14,6 +14,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax import load_scene, make
 from iphyre_jax.envs.batching.status import status_words
+from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.scenes.compile import compile_scene
@@ -266,10 +267,58 @@ def test_another_environments_params_and_state_are_refused() -> None:
             with pytest.raises(ValueError, match=r"^params: expected those of this environment"):
                 call(other)
     traced, own = make("in-advance/support-v1", backend="xla")
-    with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this backend"):
+    with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this environment"):
         traced.step(key, state, action, own)
+    other, its = make("on-the-fly/seesaw-v1")
+    with pytest.raises(ValueError, match=r"^state: expected a state .*, got one of another environment$"):
+        other.step(key, state, 0, its)
     with pytest.raises(ValueError, match=r"^params: expected those of this environment"):  # of first observations
         make("on-the-fly/support-v1", backend="xla")[0].reset(key, own)
+
+
+def test_many_states_are_refused_without_vmap() -> None:
+    """Their rows would be read as the words of one."""
+    env, params = environment()
+    states = jax.eval_shape(jax.vmap(env.reset, in_axes=(0, None)), keys(0), params)[1]
+    for call in (
+        partial(env.step, jax.random.key(0), states, 0),
+        partial(env.info, states),
+        partial(env.observe, states),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"^state: expected one state, got states of shape \({BATCH},\); jax.vmap"
+        ):
+            call(params)
+
+
+@pytest.mark.parametrize("backend", ["host", "xla"])
+def test_a_game_that_is_none(backend: Any) -> None:
+    """An array is looked at if it has a value; a traced one stands for the nearest, with both backends."""
+    env, params = make("on-the-fly/support-v1", backend=backend)
+    with pytest.raises(ValueError, match=r"^game: expected a whole number of at least 0 and at most 0, got 5$"):
+        env.reset_to(jnp.int32(5), params)
+    reset = jax.jit(env.reset_to)
+    expected = reset(jnp.int32(0), params)
+    for game in (5, -1):
+        assert_equal_trees(reset(jnp.int32(game), params), expected)
+
+
+def test_numbers_beyond_32_bits_do_nothing() -> None:
+    """Narrowed, 2**32 + 1 would be the first block."""
+    env, params = environment()
+    _, state = env.reset(jax.random.key(0), params)
+    for action in (2**32 + 1, -(2**32) + 1, np.uint64(2**32 + 1)):
+        info = env.step(jax.random.key(0), state, action, params)[-1]
+        assert info["eliminations"] == 0
+        with jax.enable_x64(True):
+            assert env.action_space().array(jnp.asarray(np.asarray(action))) in (-1, env.num_actions)
+    assert env.step(jax.random.key(0), state, np.int64(1), params)[-1]["eliminations"] == 1
+
+
+def test_rates_whose_steps_cannot_be_counted_are_refused() -> None:
+    protocol = EpisodeProtocol("own", fps=20_000, resets=1)
+    with pytest.raises(ValueError, match=r"^fps: expected at most \d+ for scenes of this size, got 20000$"):
+        make("on-the-fly/multi_ball_stack-v1", protocol=protocol)
 
 
 def test_bad_scenes_are_refused() -> None:

@@ -42,6 +42,19 @@ def test_scores_are_those_of_the_episodes() -> None:
     assert scores.by_game()["hole"] == pytest.approx((played.reward[:16].mean(), played.success[:16].mean()))
 
 
+def test_a_policy_keeps_its_users_number_types() -> None:
+    """In float32 physics too: a policy with float64 weights is not narrowed."""
+
+    def policy(key: jax.Array, obs: jax.Array) -> jax.Array:
+        seen.append(jnp.ones(3, float).dtype)
+        return jnp.zeros(6)
+
+    seen: list[Any] = []
+    with jax.enable_x64(True):
+        evaluate(policy, ["support"], strategy="in-advance", episodes=1)
+    assert set(seen) == {np.dtype("float64")}
+
+
 def test_bad_evaluations_get_one_line() -> None:
     for options, message in (
         ({"split": "bascic"}, "split: expected all, basic"),

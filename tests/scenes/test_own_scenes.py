@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,18 @@ def test_builder_refuses_what_is_wrong() -> None:
     builder.block((0, 0), (0, 0), eliminable=True, dynamic=True)
     with pytest.raises(ValueError, match="expected at least one ball"):
         builder.build()
+    ball, other = builder.ball((300, 300)), SceneBuilder("other")
+    foreign = other.ball((200, 200))
+    for tie in (other.joint, other.spring):
+        with pytest.raises(ValueError, match=r"^second: expected an object of this builder, got one of another$"):
+            tie(foreign, ball)
+
+
+def test_variations_of_a_long_name_have_names_of_their_own() -> None:
+    scene = dataclasses.replace(load_scene("hole"), name="h" * 100)
+    drawn = vary(scene, 12, seed=12, shift_px=5).scenes
+    assert len({one.name for one in drawn}) == len(drawn) > 1
+    assert {len(one.name) for one in drawn} == {100}
 
 
 def test_the_old_name_of_object_ref_warns() -> None:

@@ -59,6 +59,7 @@ class HostState(EnvState):
     """A packed episode."""
 
     words: jax.Array  # (words,) see `EnvStep`; padded
+    state_of: str = field(metadata={"static": True})
 
     @property
     def game(self) -> jax.Array:
@@ -117,7 +118,7 @@ class HostWorlds(Worlds):
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return the observation and the state of an episode before its first step."""
         words, obs = self._call(reset_episodes, ["words", "obs"], params, game)
-        return obs, HostState(words)
+        return obs, HostState(words, self.state_of)
 
     def step(
         self,
@@ -138,8 +139,10 @@ class HostWorlds(Worlds):
         words = state.words + axes.astype(state.words.dtype)
         own = words, requests, next_game
         words, obs, before, status, *last = self._call(step_episodes, results, params, *own, in_place=True)
-        final_state, final_obs = (HostState(last[0]), last[1]) if last else (None, None)
-        return StepResult(HostState(words), obs, unpack_status(before), unpack_status(status), final_state, final_obs)
+        final_state, final_obs = (HostState(last[0], self.state_of), last[1]) if last else (None, None)
+        return StepResult(
+            HostState(words, self.state_of), obs, unpack_status(before), unpack_status(status), final_state, final_obs
+        )
 
     def status(self, params: HostParams, state: HostState) -> Status:
         """Return the status of an episode."""

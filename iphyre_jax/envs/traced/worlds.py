@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 import jax
@@ -50,6 +50,7 @@ class TracedState(EnvState):
     """A packed episode, padded to the largest."""
 
     parts: Parts  # see `Episode`
+    state_of: str = field(metadata={"static": True})
 
     @property
     def game(self) -> jax.Array:
@@ -63,10 +64,10 @@ class TracedWorlds(Worlds):
 
     state_type = TracedState
 
-    @property
+    @cached_property
     def made_for(self) -> str:
         """See `params.Worlds`; parameters have first observations."""
-        return digest_of(super().made_for, self.observation, self.no_op)
+        return digest_of(self.state_of, self.observation, self.no_op)
 
     @property
     def traced(self) -> TracedStep:
@@ -114,7 +115,7 @@ class TracedWorlds(Worlds):
         """Return the observation and the state of an episode before its first step."""
         row = jnp.asarray(game, jnp.int32)
         start: Episode = jax.tree.map(lambda leaf: leaf[row], params.table.start)
-        return start.obs, TracedState(start.of_game(row).state)
+        return start.obs, TracedState(start.of_game(row).state, self.state_of)
 
     def step(
         self,
@@ -131,9 +132,12 @@ class TracedWorlds(Worlds):
         given = StepInput(state.parts, request, jnp.asarray(next_game, jnp.int32), jnp.zeros((), jnp.int32))
         out = decide(self.traced, timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
         out = jax.tree.map(lambda leaf: leaf[0], out)
-        final_state, final_obs = (TracedState(out.final[0].state), out.final[0].obs) if out.final else (None, None)
         before, after = self.status(params, state), unpack_status(out.status)
-        return StepResult(TracedState(out.now.state), out.now.obs, before, after, final_state, final_obs)
+        now = TracedState(out.now.state, self.state_of)
+        if not out.final:
+            return StepResult(now, out.now.obs, before, after, None, None)
+        final = out.final[0]
+        return StepResult(now, out.now.obs, before, after, TracedState(final.state, self.state_of), final.obs)
 
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""

@@ -1,8 +1,8 @@
 """The folder that keeps compiled programs between processes.
 
 A compiled program is machine code: whoever can write the folder can run code as this user. So the folder must belong to
-this user, and nobody else may write it or its entries. Every use checks both. The checksum in an entry detects damage,
-not malice.
+this user, and nobody else may write it or its entries. A process checks the folder when it first uses it, and an entry
+whenever it reads it. The checksum in an entry detects damage, not malice.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import stat
 import sys
 import tempfile
@@ -21,7 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from iphyre_jax.files import replacing
+from iphyre_jax.files import lock_file, replacing
 
 CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
 OFF_WORDS = ("0", "off", "no", "false")
@@ -32,17 +33,19 @@ ROOM = 1 << 23  # bytes on the disk, more than the entry of a game takes
 WAIT = 0.05  # s between checks of another process's claim
 KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when programs are compiled
 
+# Of entries and their drafts: what else stands in a folder that the user has named is not ours to remove.
+_NAME = re.compile(rf"[0-9a-f]{{32}}({SUFFIX}|{JAX_SUFFIX})|\.[0-9a-f]{{32}}\.[0-9a-z]+\.part({SUFFIX}|{JAX_SUFFIX})")
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
 def private_folder(folder: Path) -> Path:
-    """Return the folder, made with mode 0700 if it is missing; "~" is the user's home.
+    """Return the folder's absolute path, made with mode 0700 if it is missing; "~" is the user's home.
 
     Raises:
         ValueError: it cannot be made, or somebody else owns it or may write it; one line.
     """
     try:
-        folder = folder.expanduser()
+        folder = folder.expanduser().absolute()  # wherever the process goes from here
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         about = folder.stat()
@@ -99,24 +102,15 @@ def claimed(path: Path) -> Iterator[bool]:
 
     A claim ends with its process. Where files cannot be locked, every process makes its own entry.
     """
-    lock = path.with_suffix(".lock")
-    try:
-        import fcntl  # not on Windows
-
-        file = lock.open("a")
-    except (ImportError, OSError):
-        yield True
-        return
-    with file:
+    with contextlib.ExitStack() as stack:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.enter_context(lock_file(path.with_suffix(".lock")))
+            is_ours = True
         except BlockingIOError:
-            yield False
-            return
-        try:
-            yield True
-        finally:
-            lock.unlink(missing_ok=True)
+            is_ours = False
+        except OSError:
+            is_ours = True
+        yield is_ours
 
 
 def wait_for_claim(path: Path) -> None:
@@ -153,9 +147,9 @@ def check_room(folder: Path) -> None:
 def remove_old_entries(folder: Path) -> None:
     """Remove entries, and drafts of killed processes (with the same suffixes), that nobody has used for KEEP_DAYS."""
     before = time.time() - KEEP_DAYS * 86400
-    for path in [path for suffix in (SUFFIX, JAX_SUFFIX) for path in folder.glob(f"*{suffix}")]:
+    for path in list(folder.iterdir()):
         try:
-            if path.stat().st_mtime < before:
+            if _NAME.fullmatch(path.name) and path.stat().st_mtime < before:
                 path.unlink()
         except OSError:
             continue  # somebody else removed it

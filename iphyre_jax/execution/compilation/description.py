@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -47,12 +48,30 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
     return kind(**{name: from_description(part) for name, part in description.items() if name != "class"})
 
 
+def source_sums() -> dict[str, bytes]:
+    """Return the SHA-256 of each file of the package's code as it is now, by its path in the package."""
+    root = Path(__file__).parents[2]
+    files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
+    return {name: hashlib.sha256(files[name].read_bytes()).digest() for name in sorted(files)}
+
+
+_AT_START = source_sums()  # of the code that this process runs, whatever becomes of the files
+
+
 @cache
 def source_sum(parts: tuple[str, ...]) -> str:
-    """Return a checksum of files and folders of the package, so that programs of other versions are never used."""
-    root = Path(__file__).parents[2]
+    """Return a checksum of files and folders of the package, so that programs of other versions are never used.
+
+    It is that of the files when this process started.
+    """
+    return sum_of(parts, _AT_START)
+
+
+def sum_of(parts: tuple[str, ...], sums: Mapping[str, bytes]) -> str:
+    """Return the checksum of some files and folders among `source_sums`."""
     total = hashlib.sha256()
     for part in parts:
-        for path in sorted((root / part).rglob("*.py")) if (root / part).is_dir() else [root / part]:
-            total.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+        for name, digest in sums.items():
+            if name == part or name.startswith(f"{part}/"):
+                total.update(name.encode() + digest)
     return total.hexdigest()

@@ -16,7 +16,7 @@ from typing import Any, Final
 import jax
 
 from iphyre_jax.execution.compilation.cache_folder import write_entry
-from iphyre_jax.execution.compilation.description import from_description, source_sum
+from iphyre_jax.execution.compilation.description import from_description, source_sum, source_sums, sum_of
 from iphyre_jax.execution.programs import Program
 from iphyre_jax.execution.requests import open_answers, request_lines, send
 
@@ -36,10 +36,12 @@ def compile_program(program: Program) -> bytes:
 def _answer(line: bytes) -> dict[str, Any]:
     try:
         request = json.loads(line)
-        program = from_description(request["program"])
-        if source_sum(program.sources) != request["key"]["source"]:
+        program, wanted = from_description(request["program"]), request["key"]["source"]
+        payload = compile_program(program)
+        # Of this process, and of what it has imported since it started.
+        if not source_sum(program.sources) == sum_of(program.sources, source_sums()) == wanted:
             return {"error": "the package's files have changed since this process started"}
-        write_entry(Path(request["path"]), request["key"], compile_program(program))
+        write_entry(Path(request["path"]), request["key"], payload)
     except Exception as error:  # of any type: the asking process must learn of it
         return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}
     return {}

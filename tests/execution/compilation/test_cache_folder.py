@@ -77,8 +77,23 @@ def test_entries_that_nobody_reads_go(entry: Path) -> None:
     os.utime(entry, (long_ago, long_ago))
     os.utime(other, (long_ago, long_ago))
     assert read_entry(entry, KEY) == PAYLOAD  # it is in use again
+    others = [entry.parent / name for name in ("thesis.program", "notes.jax", f"a{other.name}")]  # not ours
+    draft = entry.parent / f".{entry.stem}.0123abcd.part.program"
+    for path in (*others, draft):
+        path.touch()
+        os.utime(path, (long_ago, long_ago))
     remove_old_entries(entry.parent)
-    assert [path.name for path in entry.parent.iterdir()] == [entry.name]
+    assert sorted(entry.parent.iterdir()) == sorted([entry, *others])
+
+
+def test_a_folder_stays_where_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever folder the process goes to."""
+    monkeypatch.chdir(tmp_path)
+    folder = private_folder(Path("programs"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert folder == tmp_path / "programs"
+    assert folder.is_dir()
 
 
 FEATURES = "fpu sse2 avx2 avx512f"

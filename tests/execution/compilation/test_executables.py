@@ -19,7 +19,7 @@ import pytest
 
 from iphyre_jax import Simulation, simulate, simulate_many
 from iphyre_jax.execution import configuration
-from iphyre_jax.execution.compilation import cache_folder, compiler, executables
+from iphyre_jax.execution.compilation import cache_folder, compiler, description, executables, worker
 from iphyre_jax.execution.compilation.cache_folder import machine_of, write_entry
 from iphyre_jax.execution.programs import Score
 from iphyre_jax.scenes import load_scene
@@ -164,6 +164,21 @@ print(iphyre_jax.simulate("hole", [[20, 5, 30, 9], [3, -1, 7, 0]], fps=10).steps
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("when", ["before", "since"])
+def test_a_process_of_other_code_writes_no_entry(when: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What has changed since a compiling process started, or before it did, is not in the code that it runs."""
+    program, path = Score(topology_of(load_scene("hole")), "float32", 128, 6), tmp_path / "entry.program"
+    changed = description.source_sums() | {"rules.py": bytes(32)}
+    if when == "since":
+        monkeypatch.setattr(worker, "source_sums", lambda: changed)
+    source = description.sum_of(program.sources, changed if when == "before" else description.source_sums())
+    monkeypatch.setattr(worker, "compile_program", lambda program: b"machine code")
+    request = {"program": description.describe(program), "path": str(path), "key": {"source": source}}
+    answer = worker._answer(json.dumps(request).encode())
+    assert answer == {"error": "the package's files have changed since this process started"}
+    assert not path.exists()
+
+
 def test_two_processes_share_one_folder(tmp_path: Path) -> None:
     """They begin at once; both are right, and there is one whole entry."""
     command, pipe = [sys.executable, "-c", TOGETHER, str(tmp_path / "programs")], subprocess.PIPE

@@ -67,3 +67,17 @@ def test_a_result_is_read_as_it_was_written() -> None:
 def test_bad_options_get_one_line(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert random_run.main([f"--{option}", "0", "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"--{option}: expected a whole number of at least 1, got 0\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--fps"], "--fps: expected at least one value"),
+        (["--duration", "0.01"], "--duration: expected a whole number of steps at 60 fps, got 0.01 s"),
+    ],
+)
+def test_nothing_to_compare_is_no_success(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert random_run.main([*arguments, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"{message}\n"

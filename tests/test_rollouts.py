@@ -1,0 +1,42 @@
+"""`rollout`: parts that do not fit together are refused, before JAX narrows or mixes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from iphyre_jax import load_scene, rollout
+from iphyre_jax.scenes.compile import compile_scene, step_timing
+
+PLAN = np.array([3, -1], np.int32)
+
+
+@pytest.mark.parametrize(
+    ("world", "timing", "x64", "message"),
+    [
+        (
+            "float64",
+            "float64",
+            False,
+            r"world: expected jax.enable_x64\(True\) around float64, or one made with float32",
+        ),
+        ("float32", "float64", False, r"timing: expected jax.enable_x64\(True\) around float64.*"),
+        ("float32", "float64", True, "timing: expected dtype float32, as of world, got float64"),
+    ],
+)
+def test_number_types_are_never_mixed_or_narrowed(world: str, timing: str, x64: bool, message: str) -> None:
+    topology, made = compile_scene(load_scene("support"), dtype=world)
+    with jax.enable_x64(x64), pytest.raises(ValueError, match=f"^{message}$|^{message},"):
+        rollout(topology, made, step_timing(60, timing), PLAN, np.int32(10))
+
+
+@pytest.mark.slow
+def test_a_world_of_its_own_type_is_played() -> None:
+    for dtype in ("float32", "float64"):
+        topology, made = compile_scene(load_scene("support"), dtype=dtype)
+        with jax.enable_x64(dtype == "float64"):
+            out: Any = jax.jit(rollout, static_argnums=0)(topology, made, step_timing(60, dtype), PLAN, np.int32(10))
+        assert (int(out.steps), int(out.eliminations)) == (10, 1)
