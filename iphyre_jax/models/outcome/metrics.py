@@ -6,7 +6,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 from iphyre_jax.intervals import mean_interval
 
@@ -54,6 +53,8 @@ def _mean(values: Bools | Floats) -> float:
 
 def auroc(label: Bools, chance: Floats) -> float:
     """The chance that a plan that solves is judged better than one that fails, ties counting half; nan if one lacks."""
+    from scipy import stats  # loads slowly, and every command imports this module
+
     solved, failed = int(label.sum()), int((~label).sum())
     if not solved or not failed:
         return float("nan")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, GENERATED, HELD, TESTED, TRAINED, VARIED
@@ -125,6 +124,8 @@ def agents_table(agents: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], columns: Sequence[str]) -> None:
     """Judged chance against what came true, one panel a column."""
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     figure = Figure(figsize=(4 * len(columns), 4.2), dpi=100, layout="constrained")
     for k, column in enumerate(columns):
         axes = figure.add_subplot(1, len(columns), k + 1)

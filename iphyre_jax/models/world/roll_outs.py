@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, STAYS, instants, removal_instants
@@ -121,6 +120,8 @@ def draw_errors(path: Path, found: RollOut, title: str) -> None:
         found: a plan that was rolled out.
         title: of the picture.
     """
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     figure = Figure(figsize=(6.4, 3.6), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for name, values in found.error.items():

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -214,12 +212,16 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
 
 def _colour(k: int) -> tuple[float, float, float, float]:
     """The colour of row k: twenty, of which neighbours differ by more than their lightness."""
+    import matplotlib  # loads slowly, and every command imports this module
+
     red, green, blue, alpha = matplotlib.colormaps["tab20"]((2 * k + (k % 20 >= 10)) % 20)
     return red, green, blue, alpha
 
 
 def draw_curves(path: Path, agents: Sequence[Row]) -> None:
     """Learning curves: mean over seeds of each update's reward against decisions, with the range of the seeds."""
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for k, (row, name) in enumerate(zip(agents, names(agents), strict=True)):
@@ -239,6 +241,8 @@ def draw_curves(path: Path, agents: Sequence[Row]) -> None:
 
 def draw_bars(path: Path, agents: Sequence[Row]) -> None:
     """Rewards of sampled actions by split, one colour an agent, with the paper's people as a line over each split."""
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     figure = Figure(figsize=(9, 5), dpi=100, layout="constrained")
     axes, splits = figure.add_subplot(), COLUMNS[:-1]
     width = 0.85 / len(agents)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from iphyre_jax.files import replacing
 from iphyre_jax.train.reports.report import paper_numbers, training_name
 from iphyre_jax.train.settings.run import TrainConfig
@@ -23,6 +21,8 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
     lines = read(run, ("episodes", "reward"), ("greedy_reward",))
     episodes = [int(line["episodes"]) for line in lines]
     greedy = [(int(line["episodes"]), float(line["greedy_reward"])) for line in lines if line["greedy_reward"]]
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     figure = Figure(figsize=(7, 4.2), dpi=130, layout="constrained")
     axes = figure.add_subplot()
     axes.plot(episodes, [float(line["reward"]) for line in lines], color="tab:blue", linewidth=1, label="sampled")

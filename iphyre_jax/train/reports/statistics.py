@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
 
 LEVEL: Final = 0.95
 
@@ -27,6 +26,8 @@ def summary(scores: Sequence[Sequence[float]]) -> Summary:
     The interval is mean +- t s / sqrt(n), with s of n - 1 degrees of freedom: of so few seeds a percentile bootstrap
     would be too narrow. The interquartile mean is over all scores at once (Agarwal et al. 2021).
     """
+    from scipy import stats  # loads slowly, and every command imports this module
+
     table = np.asarray(scores, np.float64)
     by_seed = table.mean(axis=1)
     mean, half, count = float(by_seed.mean()), float("nan"), len(by_seed)
