@@ -303,6 +303,15 @@ def test_a_game_that_is_none(backend: Any) -> None:
         assert_equal_trees(reset(jnp.int32(game), params), expected)
 
 
+@pytest.mark.parametrize("strategy", ["on-the-fly", "combined"])
+def test_no_number_is_promoted_unsaid(strategy: str) -> None:
+    env, params = make(f"{strategy}/support-v1")
+    with jax.numpy_dtype_promotion("strict"):
+        state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
+        action = env.action_space().sample(jax.random.key(0))
+        jax.eval_shape(env._step, jax.random.key(0), state, action, params)
+
+
 def test_numbers_beyond_32_bits_do_nothing() -> None:
     """Narrowed, 2**32 + 1 would be the first block."""
     env, params = environment()

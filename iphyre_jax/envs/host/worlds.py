@@ -130,7 +130,7 @@ class HostWorlds(Worlds):
         next_game: jax.Array,
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
-        requests = jnp.concatenate([plan, stop_step[None], executed]).astype(WORD[self.dtype])
+        requests = jnp.concatenate([plan, stop_step[None], executed.astype(jnp.int32)]).astype(WORD[self.dtype])
         results = ["words", "obs", "status", "status", *(["words", "obs"] if self.keep_final else [])]
         # The call writes the episodes where they are, or a scan would copy them at each decision. So they must have all
         # axes of a batch, even if the states are all the same; and nothing may read them afterwards: the call returns
