@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -24,13 +25,20 @@ PLAN = np.array([3, -1], np.int32)
             r"world: expected jax.enable_x64\(True\) around float64, or one made with float32",
         ),
         ("float32", "float64", False, r"timing: expected jax.enable_x64\(True\) around float64.*"),
-        ("float32", "float64", True, "timing: expected dtype float32, as of world, got float64"),
+        ("float32", "float64", True, "timing: expected dtype float32, as the world has, got float64"),
     ],
 )
 def test_number_types_are_never_mixed_or_narrowed(world: str, timing: str, x64: bool, message: str) -> None:
     topology, made = compile_scene(load_scene("support"), dtype=world)
     with jax.enable_x64(x64), pytest.raises(ValueError, match=f"^{message}$|^{message},"):
         rollout(topology, made, step_timing(60, timing), PLAN, np.int32(10))
+
+
+def test_numbers_within_a_part_are_of_one_type() -> None:
+    topology, made = compile_scene(load_scene("support"), dtype="float32")
+    mixed = dataclasses.replace(made, start=dataclasses.replace(made.start, x=np.float64(made.start.x)))
+    with jax.enable_x64(True), pytest.raises(ValueError, match=r"^world: expected dtype float"):
+        rollout(topology, mixed, step_timing(60, "float32"), PLAN, np.int32(10))
 
 
 @pytest.mark.slow

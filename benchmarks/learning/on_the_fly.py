@@ -186,7 +186,7 @@ def forty(policies: Sequence[Pretrained], played: int) -> str:
             cells = [f"{score['reward']:.1f} {100 * score['success']:.0f}%" for score in found]
             rows.append([f"{policy.name}, {kind}", *cells])
     header = ["policy", *(TITLES[split] for split in COLUMNS)]
-    text = f"The scores of the shipped weights. This command has played these games {played} times."
+    text = f"The scores of the shipped weights. Times that this command has played these games: {played}."
     return f"## All forty games\n\n{text}\n\n{markdown_table(header, rows)}"
 
 

@@ -11,7 +11,7 @@ def gymnasium_flags(env: Environment, terminated: Any, truncated: Any) -> tuple[
     """Return terminated and truncated by gymnasium's definition; scalars or arrays.
 
     An in-advance episode is one decision, so it always ends by itself: it is terminated, solved or not. Officially a
-    failure is truncated; the info has the official flags, `official_terminated` and `official_truncated`.
+    failure is truncated; gymnasium's infos have the official flags, `official_terminated` and `official_truncated`.
     """
     if env.strategy.name == "in-advance":
         return terminated | truncated, terminated & False

@@ -74,14 +74,15 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             options: {"game": name or number}, or None.
 
         Raises:
-            ValueError: the seed is no such number, or options["game"] is not a game of this id; one line.
+            ValueError: the seed is no such number, options["game"] is not a game of this id, or there is another
+                option; one line.
         """
         check_fork()
         seed = checked_seed(seed)
         if options is not None:
             check_instance("options", options, dict, 'a dict such as {"game": "hole"} or None')
-        if unknown := [str(name) for name in options or {} if name != "game"]:
-            raise ValueError(f"options: expected none but game, got {', '.join(unknown)}")
+        if unknown := [name for name in options or {} if name != "game"]:
+            raise ValueError(f"options: expected none but game, got {show(unknown[0])}")
         super().reset(seed=seed)
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")

@@ -33,11 +33,12 @@ class Episode:
     infos: Mapping[str, npt.NDArray[Any]]
 
 
-def check_minari(dataset_id: str) -> None:
+def check_minari(dataset_id: str, name: str = "dataset_id") -> None:
     """Check that a data set of this name can be written, before its episodes are made.
 
     Args:
         dataset_id: as Minari names data sets: "iphyre/official-v0".
+        name: of the argument, for the message.
 
     Raises:
         ModuleNotFoundError: minari or h5py is missing; one line that names the extra.
@@ -52,9 +53,9 @@ def check_minari(dataset_id: str) -> None:
     try:
         parse_dataset_id(dataset_id)
     except ValueError:
-        raise ValueError(f"minari: expected a name such as 'iphyre/official-v0', got {show(dataset_id)}") from None
+        raise ValueError(f"{name}: expected a name such as 'iphyre/official-v0', got {show(dataset_id)}") from None
     if dataset_id in minari.list_local_datasets():
-        raise ValueError(f"minari: expected a new name, but Minari has a data set {show(dataset_id)}")
+        raise ValueError(f"{name}: expected a new name, but Minari has a data set {show(dataset_id)}")
 
 
 def write_minari(dataset_id: str, episodes: Iterable[Episode], highest: float | None, description: str) -> Any:  # noqa: ANN401

@@ -42,7 +42,7 @@ def refuse_unread(command: Any, read: Collection[str], why: str) -> None:  # noq
             raise ValueError(f"{entry.name}: expected none {why}, got {show(shown)}")
 
 
-def check_picture(name: str, path: Path | None, suffixes: Sequence[str] = (".png",)) -> None:
+def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png",)) -> None:
     """Check an option that names a file to write, before what it shows is made; None is fine.
 
     Raises:

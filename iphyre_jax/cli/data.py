@@ -143,7 +143,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if command.out is not None:
         check_path(command.out)
     if command.minari is not None:
-        check_minari(command.minari)
+        check_minari(command.minari, "minari")
     dataset = _make(command, report)
     if command.out is not None:
         save_dataset(dataset, command.out)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.cli.console import check_picture, option, refuse_unread, say
+from iphyre_jax.cli.console import check_output, option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
@@ -55,7 +55,7 @@ def run(command: Generate, console: Console) -> int:
 def _run(command: Generate, console: Console, report: Callable[[str], None]) -> int:
     if (command.out is None) == (command.describe is None):
         raise ValueError("out: expected the file to write, --out NAME.npz, or one to describe, --describe NAME.npz")
-    check_picture("sheet", command.sheet)
+    check_output("sheet", command.sheet)
     if command.describe is not None:
         refuse_unread(command, ("describe", "sheet"), "with --describe")
     scenes = load_generated(command.describe) if command.describe else _make(command, command.out, report)

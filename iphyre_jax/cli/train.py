@@ -19,7 +19,7 @@ from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import check_picture, say
+from iphyre_jax.cli.console import check_output, say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_writable
@@ -162,7 +162,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
             _print_attempts(config, state, games, command.attempts, console)
         return 0
     for name in ("curves", "bars"):
-        check_picture(name, getattr(command, name), (".png", ".pdf", ".svg"))
+        check_output(name, getattr(command, name), (".png", ".pdf", ".svg"))
     compare.report(command.runs, console, curves=command.curves, bars=command.bars)
     return 0
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import check_picture, option, say
+from iphyre_jax.cli.console import check_output, option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.cli.viewer.render import Plan
 from iphyre_jax.files import replace_text
@@ -156,8 +156,8 @@ def _evaluate(action: Evaluate, console: Console) -> None:
 
 def _film(action: Film, console: Console) -> None:
     scene = load_scene(action.scene)
-    check_picture("out", action.out, (".html", ".png", ".gif", ".mp4"))
-    check_picture("errors", action.errors)
+    check_output("out", action.out, (".html", ".png", ".gif", ".mp4"))
+    check_output("errors", action.errors)
     found = roll_out_plan(storage.named_model(action.model), scene, parse_plan(action.plan, scene)[0])
     model = Path(action.model).name
     plays = {"simulator": found.real, model: found.imagined}

@@ -177,7 +177,7 @@ class Environment:
         """Begin an episode of a given game.
 
         Args:
-            game: () int32, row of the parameters; a traced one that is none stands for the nearest.
+            game: () int32, row of the parameters; a traced number outside the rows stands for the nearest row.
             params: the games.
 
         Returns:
@@ -191,12 +191,12 @@ class Environment:
         check_game("game", game, params)
         self.check_dtype()
         with as_interrupts():
-            out: tuple[jax.Array, EnvState] = self._reset_to(jnp.asarray(game, jnp.int32), params)
+            out: tuple[jax.Array, EnvState] = self._reset_to(_nearest_row(game, params), params)
         return out
 
     @partial(jax.jit, static_argnums=0)
     def _reset_to(self, game: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        obs, state = self.worlds.reset(params, jnp.clip(game, 0, params.games - 1))
+        obs, state = self.worlds.reset(params, game)
         return self._observation(params, state, obs), state
 
     def step(
@@ -256,7 +256,7 @@ class Environment:
         check_state(state, self.worlds)
         check_params(params, self.worlds)
         check_game("next_game", next_game, params, NO_GAME)
-        next_game = jnp.clip(jnp.asarray(next_game, jnp.int32), NO_GAME, params.games - 1)
+        next_game = _nearest_row(next_game, params, NO_GAME)
         before = self.worlds.status(params, state)
         planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
@@ -357,6 +357,13 @@ class Environment:
         """Raise ValueError, one line, if JAX lacks the physics' dtype."""
         if jax.dtypes.canonicalize_dtype(self.dtype) != self.dtype:
             raise ValueError('dtype: expected jax.enable_x64(True) around an environment of dtype "float64"')
+
+
+def _nearest_row(game: ArrayLike, params: EnvParams, least: int = 0) -> jax.Array:
+    """Return the row of the parameters (or `least`) nearest to a number, () int32; it is cut before it is narrowed."""
+    number = jnp.asarray(game)
+    unsigned = jnp.issubdtype(number.dtype, jnp.unsignedinteger)
+    return number.clip(0 if unsigned else least, params.games - 1).astype(jnp.int32)
 
 
 def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:

@@ -81,14 +81,14 @@ class Worlds(ABC):
     keep_final: bool
 
     @cached_property
-    def state_of(self) -> str:
-        """What states are of: all attributes that decide what is in them, as a digest."""
+    def made_for(self) -> str:
+        """What parameters must be made for: all attributes that decide what is in them, as a digest."""
         return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets)
 
     @cached_property
-    def made_for(self) -> str:
-        """What parameters must be made for, as `state_of`."""
-        return self.state_of
+    def state_of(self) -> str:
+        """What states are of: all attributes that decide what is in them, as a digest. Strategies share states."""
+        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol)
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).

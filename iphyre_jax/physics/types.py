@@ -282,13 +282,14 @@ def check_parts(**parts: object) -> None:
 
 def _check_dtypes(**parts: object) -> None:
     """Refuse parts whose floating-point numbers are of several types, or of one that JAX would turn into another."""
-    of = {}
-    for name, part in parts.items():
-        for leaf in jax.tree.leaves(part) if name != "topology" else ():
-            if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating):
-                of[name] = leaf.dtype.name
-    for name, dtype in of.items():
+    found = [
+        (name, leaf.dtype.name)
+        for name, part in parts.items()
+        for leaf in (jax.tree.leaves(part) if name != "topology" else ())
+        if hasattr(leaf, "dtype") and jnp.issubdtype(leaf.dtype, jnp.floating)
+    ]
+    for name, dtype in found:
         if jax.dtypes.canonicalize_dtype(dtype) != dtype:
             raise ValueError(f"{name}: expected jax.enable_x64(True) around {dtype}, or one made with float32")
-        if dtype != (first := next(iter(of.values()))):
-            raise ValueError(f"{name}: expected dtype {first}, as of {next(iter(of))}, got {dtype}")
+        if dtype != found[0][1]:
+            raise ValueError(f"{name}: expected dtype {found[0][1]}, as the {found[0][0]} has, got {dtype}")

@@ -70,7 +70,7 @@ def test_minari_reads_what_was_written(tmp_path: Path, monkeypatch: pytest.Monke
         assert bool(episode.terminations[-1]) == ended != bool(episode.truncations[-1])
         assert episode.infos["steps"][0].tolist() == dataset.steps[row].tolist()
         assert read.action_space.contains(episode.actions[0])
-    with pytest.raises(ValueError, match=r"^minari: expected a new name, but Minari has a data set"):
+    with pytest.raises(ValueError, match=r"^dataset_id: expected a new name, but Minari has a data set"):
         export_minari(dataset, "iphyre/small-v0")
-    with pytest.raises(ValueError, match=r"^minari: expected a name such as"):
+    with pytest.raises(ValueError, match=r"^dataset_id: expected a name such as"):
         export_minari(dataset, "no version")

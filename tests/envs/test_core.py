@@ -269,6 +269,10 @@ def test_another_environments_params_and_state_are_refused() -> None:
     traced, own = make("in-advance/support-v1", backend="xla")
     with pytest.raises(ValueError, match=r"^state: expected a state that reset or step of this environment"):
         traced.step(key, state, action, own)
+    slow, its = make("on-the-fly/support-v1", protocol=EpisodeProtocol("slow", 10, 1))
+    quick, _ = make("on-the-fly/support-v1", protocol=EpisodeProtocol("quick", 60, 1))
+    with pytest.raises(ValueError, match=r"^state: expected a state .*, got one of another environment$"):
+        quick.step(key, jax.eval_shape(slow.reset, key, its)[1], 0, its)  # its steps are counted at another rate
     other, its = make("on-the-fly/seesaw-v1")
     with pytest.raises(ValueError, match=r"^state: expected a state .*, got one of another environment$"):
         other.step(key, state, 0, its)
@@ -303,9 +307,10 @@ def test_a_game_that_is_none(backend: Any) -> None:
         assert_equal_trees(reset(jnp.int32(game), params), expected)
 
 
-@pytest.mark.parametrize("strategy", ["on-the-fly", "combined"])
-def test_no_number_is_promoted_unsaid(strategy: str) -> None:
-    env, params = make(f"{strategy}/support-v1")
+@pytest.mark.parametrize("backend", ["host", "xla"])
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly", "combined"])
+def test_no_number_is_promoted_unsaid(strategy: str, backend: Any) -> None:
+    env, params = make(f"{strategy}/support-v1", backend=backend)
     with jax.numpy_dtype_promotion("strict"):
         state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
         action = env.action_space().sample(jax.random.key(0))

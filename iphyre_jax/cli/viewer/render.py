@@ -69,9 +69,7 @@ class Render:
     """Show title, time and result above the picture."""
     fade: float = 0.4
     """Seconds in which a removed block fades."""
-    frame: Annotated[
-        int | None, option("FRAME", "The frame that a picture shows; -1 is the last.", "last; on a sheet of starts 0")
-    ] = None
+    frame: Annotated[int | None, option("FRAME", "The frame that a picture shows; -1 is the last.", "last")] = None
     columns: int = 8
     """Pictures in a row of a sheet."""
     hold: float = 1.0
@@ -99,7 +97,9 @@ def render(command: Render, console: Console) -> None:
     starts = GAMES if what == "all" else SPLITS.get(what)
     of_plays = what == BEST or what.endswith(".jsonl") or Path(what).is_dir()
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
-    refuse_unread(command, (*DRAWN, *READ_FOR[shown]), f"for {what}" + " with --game" * (shown == "game"))
+    unread = "hold" if command.out.suffix.lower() == ".png" else "frame"
+    read = [name for name in (*DRAWN, *READ_FOR[shown]) if name != unread]
+    refuse_unread(command, read, f"for {what}{' with --game' if shown == 'game' else ''} in {command.out.name}")
     if starts is not None:
         plays = [start_of(load_scene(game)) for game in starts]
         sheet = contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, SHEET_SIZE))

@@ -67,7 +67,8 @@ class TracedWorlds(Worlds):
     @cached_property
     def made_for(self) -> str:
         """See `params.Worlds`; parameters have first observations."""
-        return digest_of(self.state_of, self.observation, self.no_op)
+        seen = self.observation, self.no_op
+        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets, seen)
 
     @property
     def traced(self) -> TracedStep:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -51,8 +52,11 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
 def source_sums() -> dict[str, bytes]:
     """Return the SHA-256 of each file of the package's code as it is now, by its path in the package."""
     root = Path(__file__).parents[2]
-    files = {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
-    return {name: hashlib.sha256(files[name].read_bytes()).digest() for name in sorted(files)}
+    sums = {}
+    for path in sorted(root.rglob("*.py")):
+        with suppress(FileNotFoundError):  # an editor's link to nowhere, or a file that an update removes
+            sums[path.relative_to(root).as_posix()] = hashlib.sha256(path.read_bytes()).digest()
+    return sums
 
 
 _AT_START = source_sums()  # of the code that this process runs, whatever becomes of the files
@@ -68,10 +72,16 @@ def source_sum(parts: tuple[str, ...]) -> str:
 
 
 def sum_of(parts: tuple[str, ...], sums: Mapping[str, bytes]) -> str:
-    """Return the checksum of some files and folders among `source_sums`."""
+    """Return the checksum of some files and folders among `source_sums`.
+
+    Raises:
+        ValueError: one is not there; one line.
+    """
     total = hashlib.sha256()
     for part in parts:
-        for name, digest in sums.items():
-            if name == part or name.startswith(f"{part}/"):
-                total.update(name.encode() + digest)
+        own = [name for name in sums if name == part or name.startswith(f"{part}/")]
+        if not own:
+            raise ValueError(f"sources: expected a file or folder of the package's code, got {part}")
+        for name in own:
+            total.update(name.encode() + sums[name])
     return total.hexdigest()

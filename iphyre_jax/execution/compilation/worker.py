@@ -21,6 +21,7 @@ from iphyre_jax.execution.programs import Program
 from iphyre_jax.execution.requests import open_answers, request_lines, send
 
 IDLE_SECONDS: Final = 60.0
+CHANGED: Final = "the package's files have changed since this process started"
 CLEAR_AFTER: Final = 16  # programs; JAX keeps what it knows of each
 
 
@@ -37,10 +38,11 @@ def _answer(line: bytes) -> dict[str, Any]:
     try:
         request = json.loads(line)
         program, wanted = from_description(request["program"]), request["key"]["source"]
+        if source_sum(program.sources) != wanted:
+            return {"error": CHANGED}
         payload = compile_program(program)
-        # Of this process, and of what it has imported since it started.
-        if not source_sum(program.sources) == sum_of(program.sources, source_sums()) == wanted:
-            return {"error": "the package's files have changed since this process started"}
+        if sum_of(program.sources, source_sums()) != wanted:  # it may have imported something new meanwhile
+            return {"error": CHANGED}
         write_entry(Path(request["path"]), request["key"], payload)
     except Exception as error:  # of any type: the asking process must learn of it
         return {"error": f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"}

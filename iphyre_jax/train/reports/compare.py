@@ -76,7 +76,9 @@ def names(agents: Sequence[Row]) -> list[str]:
         keys = dict.fromkeys(key for k in alike for key in settings[k] if key != "seed")
         differing = [key for key in keys if len({repr(settings[k].get(key)) for k in alike}) > 1]
         for k in alike if len(alike) > 1 else ():
-            found[k] = ", ".join([name, *(f"{key} {settings[k].get(key)}" for key in differing)])
+            shown = ((key, str(settings[k].get(key))) for key in differing)
+            shorter = (f"{key} {value[:8] if key.endswith('_sha256') else value}" for key, value in shown)
+            found[k] = ", ".join([name, *shorter])
     return found
 
 

@@ -1,6 +1,7 @@
 "use strict";
 // The play page: a game, plays side by side, and the scene editor, on one page.
 
+const NOBODY = "Nobody has played this scene yet";
 const byId = (id) => document.getElementById(id);
 
 class PlayPage {
@@ -33,7 +34,12 @@ class PlayPage {
 
   wire() {
     const { game, editor } = this;
-    const on = (id, act) => (byId(id).onclick = () => this.attempt(act));
+    const on = (id, act) => {
+      byId(id).onclick = (event) => {
+        if (event.detail) event.currentTarget.blur(); // pressed by a pointer: the next space is the game's
+        return this.attempt(act);
+      };
+    };
     byId("game").onchange = () => this.attempt(() => this.choose());
     on("previous", () => this.turn(-1));
     on("next", () => this.turn(1));
@@ -45,7 +51,10 @@ class PlayPage {
     });
     on("compare-now", () => this.mode("compare"));
     for (const tab of document.querySelectorAll("[data-mode]")) {
-      tab.onclick = () => this.attempt(() => this.mode(tab.dataset.mode));
+      tab.onclick = (event) => {
+        if (event.detail) tab.blur();
+        return this.attempt(() => this.mode(tab.dataset.mode));
+      };
     }
     const board = game.stage.canvas;
     board.onpointerdown = (event) => this.attempt(() => game.press(game.stage.pointOf(event)));
@@ -98,7 +107,7 @@ class PlayPage {
     for (const section of ["play", "compare", "edit"]) byId(section).hidden = section !== name;
     this.deck.clock.stop();
     this.game.away = name !== "play";
-    byId("status").textContent = "";
+    if (byId("status").textContent === NOBODY) byId("status").textContent = "";
     if (name === "compare") return this.compare();
     if (name === "edit") return void (this.editor.past.length ? this.editor.draw() : this.editor.open(this.scene));
     return void this.game.draw();
@@ -192,7 +201,7 @@ class PlayPage {
   async compare() {
     const scene = this.scene;
     const plays = await call("agents", { scene: nameOrScene(scene) });
-    if (scene !== this.scene) return; // the user has chosen another scene
+    if (scene !== this.scene || this.shown !== "compare") return; // the user has chosen something else
     this.plays = plays;
     const label = (play) => `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s`;
     const option = (play, i) => make("option", { value: i, textContent: label(play) });
@@ -202,7 +211,7 @@ class PlayPage {
     byId("right").replaceChildren(make("option", { value: "", textContent: "nobody" }), ...this.plays.map(option));
     byId("left").value = mine >= 0 ? mine : other;
     byId("right").value = mine >= 0 && other >= 0 ? other : "";
-    if (!this.plays.length) byId("status").textContent = "Nobody has played this scene yet";
+    if (!this.plays.length) byId("status").textContent = NOBODY;
     await this.loadDeck();
   }
 
@@ -282,7 +291,7 @@ class PlayPage {
     const { editor } = this;
     if ((event.ctrlKey || event.metaKey) && event.key === "z") editor.undo();
     else if ((event.ctrlKey || event.metaKey) && event.key === "y") editor.redo();
-    else if (event.ctrlKey || event.metaKey) return undefined;
+    else if (hasModifier(event)) return undefined;
     const tools = { v: "select", b: "bar", o: "ball", j: "joint", k: "spring", x: "delete" };
     const acts = {
       e: () => editor.mark("eli"),
