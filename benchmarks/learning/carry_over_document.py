@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.learning.on_the_fly import runs_in
 from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS, shipped
 from iphyre_jax.analyses.people import FPS as RATE_OF_PEOPLE
 from iphyre_jax.analyses.people import scores as scores_of_people
-from iphyre_jax.files import read_json_object
 from iphyre_jax.intervals import mean_interval
 from iphyre_jax.kept_rows import Row
 from iphyre_jax.scenes import GAMES
@@ -131,7 +131,7 @@ def document(
         if found:
             parts += [f"### {fps} steps a second", _held_out_table(found)]
     if any(forty.values()):
-        count = read_json_object(counter)["runs"]
+        count = runs_in(counter)
         parts += [
             "## All forty games",
             f"This command has played them {count} time{'s' if count != 1 else ''}, each row once. First try: the "

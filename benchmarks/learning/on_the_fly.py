@@ -160,12 +160,10 @@ def runs_in(file: Path) -> int:
     return int(read_json_object(file)["runs"]) if file.is_file() else 0
 
 
-def counted(file: Path) -> int:
-    """Count a run on the forty games before it begins; returns how many there are with this one."""
-    played = runs_in(file) + 1
+def counted(file: Path) -> None:
+    """Count a run on the forty games before it begins."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    replace_json(file, {"runs": played})
-    return played
+    replace_json(file, {"runs": runs_in(file) + 1})
 
 
 def _evaluated(policy: Pretrained) -> Pretrained:

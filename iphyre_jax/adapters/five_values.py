@@ -6,8 +6,7 @@ from typing import Any
 
 import jax
 
-from iphyre_jax.adapters.endings import gymnasium_flags
-from iphyre_jax.adapters.gymnax_env import GymnaxView, games_of
+from iphyre_jax.adapters.gymnax_env import GymnaxView
 from iphyre_jax.envs import EnvParams, EnvState
 
 
@@ -27,8 +26,5 @@ class FiveValues(GymnaxView):
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams | None = None
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, dict[str, Any]]:
         """Play one decision; see `Environment.step`."""
-        given = games_of(params or self.default_params)
-        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
-        terminated, truncated = gymnasium_flags(self.env, terminated, truncated)
-        info = info | {"terminated": terminated, "truncated": truncated}
+        obs, state, reward, terminated, truncated, info = self._play(key, state, action, params)
         return obs, state, reward, terminated | truncated, info

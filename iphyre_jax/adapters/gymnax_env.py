@@ -71,6 +71,16 @@ class GymnaxView:
         """Begin an episode; see `Environment.reset`."""
         return self.env.reset(key, games_of(params or self.default_params))
 
+    def _play(
+        self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams | None
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
+        """Play one decision; see `Environment.step`. Terminated and truncated are gymnasium's, in the info too."""
+        given = games_of(params or self.default_params)
+        obs, state, reward, *official, info = self.env.step(key, state, action, given)
+        terminated, truncated = gymnasium_flags(self.env, *official)
+        info = info | {"terminated": terminated, "truncated": truncated}
+        return obs, state, reward, terminated, truncated, info
+
     def action_space(self, params: EnvParams | None = None) -> Any:  # noqa: ANN401 - gymnax's or our own
         """Return the space of actions."""
         return _gymnax_space(self.env.action_space(params))
@@ -87,11 +97,7 @@ class GymnaxEnv(GymnaxView):
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams | None = None
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         """Play one decision; see `Environment.step`. Terminated and truncated are gymnasium's."""
-        given = games_of(params or self.default_params)
-        obs, state, reward, terminated, truncated, info = self.env.step(key, state, action, given)
-        terminated, truncated = gymnasium_flags(self.env, terminated, truncated)
-        info = info | {"terminated": terminated, "truncated": truncated}
-        return obs, state, reward, terminated, truncated, info
+        return self._play(key, state, action, params)
 
 
 def games_of(params: EnvParams) -> EnvParams:

@@ -100,6 +100,11 @@ class Collect:
     pose_dtype: Literal["float32", "float64"] = "float32"
     """Number type of the poses."""
 
+    @property
+    def world_fps(self) -> int:
+        """Physics steps a second of a set that no policy plays."""
+        return WORLD_FPS if self.fps is None else self.fps
+
 
 def run(command: Collect, console: Console) -> int:
     """Run the command and return the exit code; 1 if a data set is not what it says.
@@ -161,7 +166,7 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
         games = _games(command.games) if command.games else None
         return named_set(
             command.named,
-            fps=WORLD_FPS if command.fps is None else command.fps,
+            fps=command.world_fps,
             sequences=command.sequences,
             games=games,
             report=report,
@@ -207,7 +212,7 @@ def _load(source: Path, command: Collect, journal: Path | None, report: Callable
         return load_official(
             source,
             games=_games(command.games) if command.games else None,
-            fps=WORLD_FPS if command.fps is None else command.fps,
+            fps=command.world_fps,
             sequences=command.sequences,
             journal=journal,
             report=report,

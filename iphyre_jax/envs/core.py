@@ -24,7 +24,7 @@ from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.host.worlds import HostWorlds
 from iphyre_jax.envs.params import EnvParams, EnvState, Worlds
 from iphyre_jax.envs.protocols import EpisodeProtocol
-from iphyre_jax.envs.spaces import Box, Space
+from iphyre_jax.envs.spaces import Box, Space, cut
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.envs.traced.worlds import TracedWorlds
 from iphyre_jax.execution.forks import check_fork
@@ -361,9 +361,8 @@ class Environment:
 
 def _nearest_row(game: ArrayLike, params: EnvParams, least: int = 0) -> jax.Array:
     """Return the row of the parameters (or `least`) nearest to a number, () int32; it is cut before it is narrowed."""
-    number = jnp.asarray(game)
-    unsigned = jnp.issubdtype(number.dtype, jnp.unsignedinteger)
-    return number.clip(0 if unsigned else least, params.games - 1).astype(jnp.int32)
+    row: jax.Array = cut(jnp.asarray(game), least, params.games - 1)
+    return row
 
 
 def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:

@@ -83,12 +83,16 @@ class Worlds(ABC):
     @cached_property
     def made_for(self) -> str:
         """What parameters must be made for: all attributes that decide what is in them, as a digest."""
-        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets)
+        return self._digest()
 
     @cached_property
     def state_of(self) -> str:
         """What states are of: all attributes that decide what is in them, as a digest. Strategies share states."""
-        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol)
+        return self._digest(self.protocol)
+
+    def _digest(self, *more: object) -> str:
+        shared = type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets
+        return _digest_of(*shared, *more)
 
     def world_of(self, scene: Scene) -> tuple[int, World]:
         """Return which of the topologies plays a scene, that with the fewest constraints, and its world for it (host).
@@ -179,6 +183,6 @@ class Worlds(ABC):
 
 
 @lru_cache(256)
-def digest_of(*values: object) -> str:
+def _digest_of(*values: object) -> str:
     """Return the SHA-256 sum of some values' representations."""
     return hashlib.sha256(repr(values).encode()).hexdigest()

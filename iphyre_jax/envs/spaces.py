@@ -111,7 +111,7 @@ class Discrete:
         """
         array = _checked(value, lanes, "iu", "whole numbers")
         if array.dtype.itemsize > np.dtype(np.int32).itemsize:  # narrowed, another number could become an action
-            array = array.clip(0 if array.dtype.kind == "u" else -1, self.n).astype(np.int32)
+            array = cut(array, -1, self.n)
         return jnp.asarray(array)
 
     def contains(self, value: npt.ArrayLike) -> bool:
@@ -121,6 +121,11 @@ class Discrete:
 
 
 Space = Box | Discrete
+
+
+def cut(numbers: Any, least: int, most: int) -> Any:  # noqa: ANN401 - of NumPy or JAX
+    """Return whole numbers of any type as int32, cut to bounds before they are narrowed."""
+    return numbers.clip(max(least, 0) if numbers.dtype.kind == "u" else least, most).astype(np.int32)
 
 
 def _checked(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> Any:  # noqa: ANN401 - of NumPy or JAX

@@ -192,6 +192,15 @@ def serving(folder: Path, **options: Any) -> Iterator[PlayServer]:
         thread.join()
 
 
+@contextmanager
+def opened(page: Page, folder: Path) -> Iterator[PlayServer]:
+    """Open the play page and wait for its first game."""
+    with serving(folder) as server:
+        page.goto(server.address)
+        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+        yield server
+
+
 def clicker(page: Page, canvas: str) -> Callable[[float, float], None]:
     """Return a function that clicks at a point of the scene."""
     box = page.locator(canvas).bounding_box()
@@ -206,9 +215,7 @@ def clicker(page: Page, canvas: str) -> Callable[[float, float], None]:
 
 def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
     scene = load_scene("hole")
-    with serving(tmp_path) as server:
-        page.goto(server.address)
-        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+    with opened(page, tmp_path) as server:
         page.select_option("#game", label="hole")
         page.wait_for_selector("html[data-ready=hole]", timeout=60_000)
         click = clicker(page, "#board")
@@ -242,9 +249,7 @@ def test_a_game_is_played_by_clicks(page: Page, tmp_path: Path) -> None:
 
 
 def test_a_game_waits_while_another_part_of_the_page_is_shown(page: Page, tmp_path: Path) -> None:
-    with serving(tmp_path) as server:
-        page.goto(server.address)
-        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+    with opened(page, tmp_path):
         page.click("[data-mode=compare]")
         page.wait_for_selector("#deck canvas[data-frame]")
         page.click("[data-mode=play]")
@@ -270,9 +275,7 @@ def test_a_game_waits_while_another_part_of_the_page_is_shown(page: Page, tmp_pa
 
 def test_play_is_smooth(page: Page, tmp_path: Path) -> None:
     """Measure the frame rate of the page during a game, and the delay after a click."""
-    with serving(tmp_path) as server:
-        page.goto(server.address)
-        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+    with opened(page, tmp_path):
         page.click("#start")
         frames = page.evaluate(
             """() => new Promise((done) => {
@@ -300,9 +303,7 @@ def test_play_is_smooth(page: Page, tmp_path: Path) -> None:
 
 
 def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> None:
-    with serving(tmp_path) as server:
-        page.goto(server.address)
-        page.wait_for_selector("html[data-ready=support]", timeout=60_000)
+    with opened(page, tmp_path):
         page.click("[data-mode=edit]")
         page.click("#clear")
         until(page, "problems.children.length === 1")

@@ -13,7 +13,7 @@ import numpy as np
 
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
-from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds, digest_of
+from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
 from iphyre_jax.envs.traced.batch import decide
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.execution.layout import Parts
@@ -67,8 +67,7 @@ class TracedWorlds(Worlds):
     @cached_property
     def made_for(self) -> str:
         """See `params.Worlds`; parameters have first observations."""
-        seen = self.observation, self.no_op
-        return digest_of(type(self).__name__, self.topologies, self.dtype, self.limits, self.protocol.resets, seen)
+        return self._digest(self.observation, self.no_op)
 
     @property
     def traced(self) -> TracedStep:

@@ -34,7 +34,7 @@ WAIT = 0.05  # s between checks of another process's claim
 KEEP_DAYS = 60.0  # an entry that nobody has read for so long is removed when programs are compiled
 
 # Of entries and their drafts: what else stands in a folder that the user has named is not ours to remove.
-_NAME = re.compile(r"([0-9a-f]{32}|\.[0-9a-f]{32}\.[0-9a-z]+\.part)(\.program|\.jax)")
+_NAME = re.compile(rf"([0-9a-f]{{32}}|\.[0-9a-f]{{32}}\.[0-9a-z]+\.part)({re.escape(SUFFIX)}|{re.escape(JAX_SUFFIX)})")
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 

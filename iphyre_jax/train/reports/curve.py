@@ -18,11 +18,11 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
     Raises:
         ValueError, OSError: one line; metrics.csv holds something else, or the picture cannot be written.
     """
+    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
+
     lines = read(run, ("episodes", "reward"), ("greedy_reward",))
     episodes = [int(line["episodes"]) for line in lines]
     greedy = [(int(line["episodes"]), float(line["greedy_reward"])) for line in lines if line["greedy_reward"]]
-    from matplotlib.figure import Figure  # loads slowly, and every command imports this module
-
     figure = Figure(figsize=(7, 4.2), dpi=130, layout="constrained")
     axes = figure.add_subplot()
     axes.plot(episodes, [float(line["reward"]) for line in lines], color="tab:blue", linewidth=1, label="sampled")

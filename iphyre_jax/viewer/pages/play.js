@@ -34,12 +34,13 @@ class PlayPage {
 
   wire() {
     const { game, editor } = this;
-    const on = (id, act) => {
-      byId(id).onclick = (event) => {
-        if (event.detail) event.currentTarget.blur(); // pressed by a pointer: the next space is the game's
+    const press = (button, act) => {
+      button.onclick = (event) => {
+        if (event.detail) button.blur(); // pressed by a pointer: the next space is the game's
         return this.attempt(act);
       };
     };
+    const on = (id, act) => press(byId(id), act);
     byId("game").onchange = () => this.attempt(() => this.choose());
     on("previous", () => this.turn(-1));
     on("next", () => this.turn(1));
@@ -50,12 +51,7 @@ class PlayPage {
       await this.prepare();
     });
     on("compare-now", () => this.mode("compare"));
-    for (const tab of document.querySelectorAll("[data-mode]")) {
-      tab.onclick = (event) => {
-        if (event.detail) tab.blur();
-        return this.attempt(() => this.mode(tab.dataset.mode));
-      };
-    }
+    for (const tab of document.querySelectorAll("[data-mode]")) press(tab, () => this.mode(tab.dataset.mode));
     const board = game.stage.canvas;
     board.onpointerdown = (event) => this.attempt(() => game.press(game.stage.pointOf(event)));
     board.onpointermove = (event) => event.pointerType === "mouse" && game.hover(game.stage.pointOf(event));
