@@ -27,7 +27,7 @@ from iphyre_jax.physics.types import Topology
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
-LANES_OF_DEVICE = 8192  # on an accelerator, which needs many at once; not measured
+LANES_OF_DEVICE = 16384  # on an accelerator, which needs many at once
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from iphyre_jax import rollouts
 from iphyre_jax.execution.layout import Layout
 from iphyre_jax.execution.one_function import in_one_function
+from iphyre_jax.execution.one_kernel import in_one_kernel
 from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
@@ -29,6 +30,8 @@ SOURCES: Final = (
     "execution/programs.py",
     "execution/layout.py",
     "execution/one_function.py",
+    "execution/one_kernel.py",
+    "execution/row_by_row.py",
 )
 SPARE: Final = -2  # in a plan: the lane is spare, done before it starts
 
@@ -123,12 +126,16 @@ class Score(_PlanProgram):
         """Return success, steps, eliminations and fault, (4, lanes) int32."""
 
         def score(worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array) -> jax.Array:
-            world = world_layout(self.topology, self.dtype).unpack(worlds)
-            start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
-            out = rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]).result
-            return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
+            return in_one_kernel(self._score, (numbers, steps), (worlds, plan))
 
         return (in_one_function(score, *arguments),)
+
+    def _score(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
+        (numbers, steps), (worlds, plan) = shared, lanes
+        world = world_layout(self.topology, self.dtype).unpack(worlds)
+        start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
+        out = rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]).result
+        return jnp.stack([out.success.astype(jnp.int32), out.steps, out.eliminations, out.fault])
 
 
 class Advance(_PlanProgram):
@@ -145,17 +152,23 @@ class Advance(_PlanProgram):
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the episodes, (words, lanes)."""
-        layout = episode_layout(self.topology, self.dtype)
 
         def advance(
             worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array, episodes: jax.Array
         ) -> jax.Array:
-            world = world_layout(self.topology, self.dtype).unpack(worlds)
-            start = jax.lax.cond(
-                steps[1] != 0,
-                lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
-                lambda: layout.unpack(episodes),
-            )
-            return layout.pack(rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]))
+            return in_one_kernel(self._advance, (numbers, steps), (worlds, plan, episodes))
 
         return (in_one_function(advance, *arguments),)
+
+    def _advance(
+        self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array, jax.Array]
+    ) -> jax.Array:
+        (numbers, steps), (worlds, plan, episodes) = shared, lanes
+        layout = episode_layout(self.topology, self.dtype)
+        world = world_layout(self.topology, self.dtype).unpack(worlds)
+        start = jax.lax.cond(
+            steps[1] != 0,
+            lambda: rollouts.reset_episode(self.topology, world, plan[0] == SPARE),
+            lambda: layout.unpack(episodes),
+        )
+        return layout.pack(rollouts.run_until(self.topology, world, unpack_timing(numbers), plan, start, steps[0]))

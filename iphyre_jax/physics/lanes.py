@@ -78,9 +78,12 @@ def iota(n: int, like: jax.Array) -> jax.Array:
 def any_lane(flags: jax.Array) -> tuple[jax.Array, ...]:
     """Return for each row of (P, *lanes) flags whether any lane has it set, as words of 32 bits, () uint32 each.
 
-    One OR-reduction over integers is much faster on a CPU than P reductions over booleans.
+    One OR-reduction over integers is much faster on a CPU than P reductions over booleans. A GPU's kernels keep rows
+    apart, and reduce each of them (`execution/row_by_row`).
     """
     words = []
+    if jax.default_backend() != "cpu":
+        flags = jnp.any(flags, axis=tuple(range(1, flags.ndim)))
     for start in range(0, flags.shape[0], WORD):
         part = flags[start : start + WORD]
         bits = np.left_shift(np.uint32(1), np.arange(part.shape[0], dtype=np.uint32))

@@ -17,6 +17,7 @@ from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.scene_features import feature_shapes
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
 from iphyre_jax.execution.layout import WORD, Layout, Parts
+from iphyre_jax.execution.one_kernel import in_one_kernel
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
@@ -121,26 +122,14 @@ class TracedStep:
         Returns:
             What it leaves, and (lanes,) bool, where the next episode follows.
         """
-        slots, first = self.limits.blocks, self.status_words
         features, world = self.scene_layout(topology).join(scene)
 
         def played() -> tuple[Parts, ObsInputs, jax.Array]:
-            plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
-            game = given.state.whole[GAME].astype(jnp.int32)
-            before = Parts(given.state.whole[first:], given.state.numbers)
-            episode = episode_layout(topology, self.dtype).join(before)
-            episode = run_requests(topology, timing, world, PlayRequest(game, plan, stop_step), episode)
-            status = status_of(game, world, episode, executed)
-            ended = status.success | (status.fault != 0) | (status.step >= self.steps)
-            return (
-                self._packed(topology, status, episode),
-                self._obs_inputs(features, status, episode),
-                ended & (given.next_game >= 0),
-            )
+            return in_one_kernel(partial(self._played, topology), timing, (features, world, given))
 
         def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> tuple[StepOutput, jax.Array]:
             final = Episode(state, observe(features, inputs, no_op=self.no_op))
-            out = StepOutput(final, state.whole[:first], (final,) if self.keep_final else ())
+            out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
             if start is None:
                 return out, follows
             fresh = start.of_game(given.next_game)
@@ -148,6 +137,24 @@ class TracedStep:
             return out._replace(now=now), follows
 
         return materialize(partial(left, *materialize(played)))
+
+    def _played(
+        self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]
+    ) -> tuple[Parts, ObsInputs, jax.Array]:
+        """Return episodes after a decision, what their observations need, and where the next one follows."""
+        (features, world, given), slots = lanes, self.limits.blocks
+        plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
+        game = given.state.whole[GAME].astype(jnp.int32)
+        before = Parts(given.state.whole[self.status_words :], given.state.numbers)
+        episode = episode_layout(topology, self.dtype).join(before)
+        episode = run_requests(topology, timing, world, PlayRequest(game, plan, stop_step), episode)
+        status = status_of(game, world, episode, executed)
+        ended = status.success | (status.fault != 0) | (status.step >= self.steps)
+        return (
+            self._packed(topology, status, episode),
+            self._obs_inputs(features, status, episode),
+            ended & (given.next_game >= 0),
+        )
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""

@@ -1,0 +1,383 @@
+"""Traced functions evaluated row by row: every number of a lane becomes a value of its own.
+
+A thread of a GPU keeps its numbers in registers, and registers have no index. So a kernel cannot work on tables,
+(rows, *lanes). Here a function is traced as it stands, and its operations are done again on the numbers alone: an array
+of a table's shape becomes a NumPy array of objects, one a row, each of them (block,) over lanes, or () if all lanes
+have it. What only moves rows about, such as a slice, costs nothing. To read a row whose number is traced takes a select
+a row.
+
+It knows the operations that the physics is made of, no more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+
+LANES: Final = 1_000_003  # of arrays as they are traced; a prime, so that no other axis is as long
+
+Values = npt.NDArray[np.object_]  # of the rows' shape; NumPy numbers where they are known
+Operation = Callable[..., Any]
+
+# Operations on numbers, each lane by itself.
+_OF_NUMBERS: Final = frozenset(
+    "abs add and bitcast_convert_type clz convert_element_type cos div eq ge gt is_finite le lt max min mul ne neg not"
+    " or population_count select_n shift_left shift_right_arithmetic shift_right_logical sin sqrt sub xor".split()
+)
+# What NumPy computes if all numbers are known, with the same roundings.
+_OF_KNOWN: Final[Mapping[str, Operation]] = {
+    "abs": np.abs,
+    "add": np.add,
+    "and": np.bitwise_and,
+    "eq": np.equal,
+    "ge": np.greater_equal,
+    "gt": np.greater,
+    "le": np.less_equal,
+    "lt": np.less,
+    "max": np.maximum,
+    "min": np.minimum,
+    "mul": np.multiply,
+    "ne": np.not_equal,
+    "neg": np.negative,
+    "not": np.invert,
+    "or": np.bitwise_or,
+    "shift_left": np.left_shift,
+    "sub": np.subtract,
+    "xor": np.bitwise_xor,
+}
+
+
+def has_lanes(shape: Sequence[int]) -> bool:
+    """Return whether a traced array has lanes behind its rows."""
+    return bool(shape) and shape[-1] == LANES
+
+
+def rows_of(shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the shape of a traced array without lanes."""
+    return tuple(shape[:-1]) if has_lanes(shape) else tuple(shape)
+
+
+def values(shape: Sequence[int], numbers: Sequence[Any]) -> Values:
+    """Return numbers as an array of rows."""
+    out = np.empty(math.prod(shape), object)
+    for k, number in enumerate(numbers):
+        out[k] = number
+    return out.reshape(tuple(shape))
+
+
+def evaluate(traced: ClosedJaxpr, arguments: Sequence[Values], block: int, zero: jax.Array) -> list[Values]:
+    """Return the results of a traced function; traced itself.
+
+    Args:
+        traced: the function, with LANES lanes.
+        arguments: its arguments.
+        block: lanes of the numbers.
+        zero: () int32, 0, which the compiler must not know.
+
+    Raises:
+        NotImplementedError: the function has an operation that is not known here.
+    """
+    return _Evaluation(block, zero).run(traced, arguments)
+
+
+def spread(number: Any, dtype: Any, block: int) -> jax.Array:  # noqa: ANN401
+    """Return a number as one of each lane, (block,)."""
+    if isinstance(number, np.generic):
+        return jnp.full((block,), number, dtype)
+    return jnp.broadcast_to(number, (block,))
+
+
+def _is_known(number: object) -> bool:
+    return isinstance(number, np.generic)
+
+
+class _Evaluation:
+    """The evaluation of one function; a method `_name` is the operation `name` of JAX on arrays."""
+
+    def __init__(self, block: int, zero: jax.Array) -> None:
+        self.block, self.zero = block, zero
+
+    def run(self, traced: ClosedJaxpr, arguments: Sequence[Values]) -> list[Values]:
+        """Return the results of a function."""
+        jaxpr: Jaxpr = traced.jaxpr
+        known: dict[Any, Values] = {}
+
+        def read(var: Any) -> Values:  # noqa: ANN401
+            return _known_values(np.asarray(var.val, var.aval.dtype)) if isinstance(var, Literal) else known[var]
+
+        known.update(zip(jaxpr.constvars, map(_known_values, traced.consts), strict=True))
+        known.update(zip(jaxpr.invars, arguments, strict=True))
+        for equation in jaxpr.eqns:
+            name = equation.primitive.name
+            if name in _OF_NUMBERS:
+                work: Operation = partial(self._number_by_number, equation.primitive)
+            elif (work := getattr(self, f"_{name}", None)) is None:
+                raise NotImplementedError(f"operation {name} in a kernel")
+            results = work(list(map(read, equation.invars)), equation)
+            known.update(zip(equation.outvars, results, strict=True))
+        return list(map(read, jaxpr.outvars))
+
+    # Numbers
+
+    def _number_by_number(self, primitive: Any, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        out, params = equation.outvars[0].aval, equation.params
+        if has_lanes(out.shape):  # an axis of length 1 stands for lanes too
+            pairs = zip(given, equation.invars, strict=True)
+            given = [
+                one.reshape(one.shape[:-1]) if one.ndim == out.ndim and not has_lanes(var.aval.shape) else one
+                for one, var in pairs
+            ]
+        rows = np.broadcast_arrays(*given, np.empty(rows_of(out.shape)))[:-1]
+        numbers = zip(*(one.reshape(-1) for one in rows), strict=True)
+        return [values(rows_of(out.shape), [self._compute(primitive, params, row) for row in numbers])]
+
+    def _compute(self, primitive: Any, params: Mapping[str, Any], given: Sequence[Any]) -> Any:  # noqa: ANN401
+        """Return the result of an operation on numbers."""
+        name = primitive.name
+        if all(map(_is_known, given)):
+            if name in _OF_KNOWN:
+                return _OF_KNOWN[name](*given)
+            if name == "convert_element_type":
+                return given[0].astype(params["new_dtype"])
+            given = [self._number(one, one.dtype) for one in given]
+        if name == "select_n" and len(given) == 3:
+            if isinstance(given[0], bool | np.generic):
+                return given[1 + int(given[0])]
+            if given[1] is given[2]:
+                return given[1]
+        if name in ("and", "or") and any(isinstance(one, np.bool_) for one in given):
+            decided = given[0] if isinstance(given[0], np.bool_) else given[1]
+            other = given[1] if decided is given[0] else given[0]
+            return other if bool(decided) == (name == "and") else decided
+        if any(jnp.ndim(one) for one in given):
+            given = [one if jnp.ndim(one) else spread(one, one.dtype, self.block) for one in given]
+        given = [jax.lax.full((), one, one.dtype) if _is_known(one) else one for one in given]
+        return primitive.bind(*given, **params)
+
+    def _select(self, condition: Any, yes: Any, no: Any) -> Any:  # noqa: ANN401
+        return self._compute(jax.lax.select_n_p, {}, (condition, no, yes))
+
+    # Calls, and what only moves rows
+
+    def _jit(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        return self.run(equation.params["jaxpr"], given)
+
+    def _same(self, given: list[Values], _: Any) -> list[Values]:  # noqa: ANN401
+        return given
+
+    _optimization_barrier = _copy = _same
+
+    def _slice(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        params, rows = equation.params, given[0].ndim
+        strides = params["strides"] or (1,) * len(params["start_indices"])
+        bounds = zip(params["start_indices"], params["limit_indices"], strides, strict=True)
+        return [given[0][tuple(slice(*bound) for bound in bounds)[:rows]]]
+
+    def _reshape(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        return [given[0].reshape(rows_of(equation.outvars[0].aval.shape))]
+
+    _squeeze = _expand_dims = _reshape
+
+    def _concatenate(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        return [np.concatenate(given, equation.params["dimension"])]
+
+    def _stack(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        return [np.stack(given, equation.params["axis"])]
+
+    def _unstack(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        rows, axis = given[0], equation.params["axis"]
+        return [values((), [row]) if rows.ndim == 1 else row for row in np.moveaxis(rows, axis, 0)]
+
+    def _pad(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        table, fill = given
+        for axis, (before, after, between) in enumerate(equation.params["padding_config"][: table.ndim]):
+            if min(before, after) < 0 or between:
+                raise NotImplementedError("a padding that is negative or between rows, in a kernel")
+            parts = [
+                np.broadcast_to(fill, (*table.shape[:axis], size, *table.shape[axis + 1 :])) for size in (before, after)
+            ]
+            table = np.concatenate([parts[0], table, parts[1]], axis)
+        return [table]
+
+    def _broadcast_in_dim(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        table, shape = given[0], rows_of(equation.outvars[0].aval.shape)
+        dimensions = equation.params["broadcast_dimensions"]
+        if has_lanes(equation.invars[0].aval.shape):
+            dimensions = dimensions[:-1]
+        elif dimensions and dimensions[-1] == len(shape):  # an axis of length 1 becomes lanes
+            dimensions, table = dimensions[:-1], table.reshape(table.shape[:-1])
+        aligned = [1] * len(shape)
+        for axis, size in zip(dimensions, table.shape, strict=True):
+            aligned[axis] = size
+        return [np.broadcast_to(table.reshape(aligned), shape)]
+
+    def _iota(self, _: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        shape, axis = rows_of(equation.outvars[0].aval.shape), equation.params["dimension"]
+        numbers = np.arange(shape[axis], dtype=equation.params["dtype"])
+        return [_known_values(np.broadcast_to(np.expand_dims(numbers, [k for k in range(len(shape)) if k != axis]), shape))]
+
+    # Rows whose number is traced
+
+    def _dynamic_slice(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        table = given[0]
+        for axis, size in enumerate(equation.params["slice_sizes"][: table.ndim]):
+            if size != table.shape[axis]:
+                table = self._rows_from(np.moveaxis(table, axis, 0), given[1 + axis].item(), size)
+                table = np.moveaxis(table, 0, axis)
+        return [table]
+
+    def _rows_from(self, table: Values, first: Any, size: int) -> Values:  # noqa: ANN401
+        last = len(table) - size
+        if _is_known(first):
+            start = min(max(int(first), 0), last)
+            return table[start : start + size]
+        if size != 1:
+            raise NotImplementedError("several rows at once from a traced row, in a kernel")
+        rows = table.reshape(len(table), -1)
+        out = list(rows[0])
+        for k in range(1, last + 1):
+            here = first >= k  # a number beyond the last row means the last one
+            out = [self._select(here, new, old) for new, old in zip(rows[k], out, strict=True)]
+        return values((1, *table.shape[1:]), out)
+
+    def _dynamic_update_slice(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        table, update, *starts = given
+        axes = [axis for axis in range(table.ndim) if update.shape[axis] != table.shape[axis]]
+        if not axes:
+            return [update]
+        if len(axes) > 1 or update.shape[axes[0]] != 1:
+            raise NotImplementedError("several rows at once into a traced row, in a kernel")
+        axis, first = axes[0], starts[axes[0]].item()
+        rows = np.moveaxis(table, axis, 0)
+        out, new = rows.reshape(len(rows), -1).copy(), np.moveaxis(update, axis, 0).reshape(-1)
+        for k, old in enumerate(out):
+            here = min(max(int(first), 0), len(rows) - 1) == k if _is_known(first) else first == k
+            out[k] = values(old.shape, [self._select(here, one, other) for one, other in zip(new, old, strict=True)])
+        return [np.moveaxis(out.reshape(rows.shape), 0, axis)]
+
+    # Sums over rows, and over lanes
+
+    def _reduce(self, primitive: Any, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        table, axes = given[0], equation.params["axes"]
+        over_rows, rest = [k for k in axes if k < table.ndim], [k for k in range(table.ndim) if k not in axes]
+        rows = table.transpose(*rest, *over_rows).reshape([table.shape[k] for k in rest] + [-1])
+        out = [
+            reduce(lambda one, other: self._compute(primitive, {}, (one, other)), list(rows[index]))
+            for index in np.ndindex(*rows.shape[:-1])
+        ]
+        if has_lanes(equation.invars[0].aval.shape) and table.ndim in axes:
+            out = [_over_lanes(primitive.name, number) for number in out]
+        return [values(rows.shape[:-1], out)]
+
+    def _reduce_sum(self, *given: Any) -> list[Values]:  # noqa: ANN401
+        return self._reduce(jax.lax.add_p, *given)
+
+    def _reduce_max(self, *given: Any) -> list[Values]:  # noqa: ANN401
+        return self._reduce(jax.lax.max_p, *given)
+
+    def _reduce_min(self, *given: Any) -> list[Values]:  # noqa: ANN401
+        return self._reduce(jax.lax.min_p, *given)
+
+    def _reduce_and(self, *given: Any) -> list[Values]:  # noqa: ANN401
+        return self._reduce(jax.lax.and_p, *given)
+
+    def _reduce_or(self, *given: Any) -> list[Values]:  # noqa: ANN401
+        return self._reduce(jax.lax.or_p, *given)
+
+    def _cumsum(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        axis = equation.params["axis"]
+        if equation.params["reverse"]:
+            raise NotImplementedError("a sum from behind, in a kernel")
+        rows = np.moveaxis(given[0], axis, 0)
+        out = rows.reshape(len(rows), -1).copy()
+        for k in range(1, len(rows)):
+            pairs = zip(out[k - 1], out[k], strict=True)
+            out[k] = values(out[k].shape, [self._compute(jax.lax.add_p, {}, pair) for pair in pairs])
+        return [np.moveaxis(out.reshape(rows.shape), 0, axis)]
+
+    # Loops and branches
+
+    def _while(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        params, outs = equation.params, equation.outvars
+        of_condition, of_body = params["cond_nconsts"], params["cond_nconsts"] + params["body_nconsts"]
+
+        def goes_on(leaves: list[jax.Array]) -> jax.Array:
+            carry = self._joined(leaves, outs)
+            return self._number(self.run(params["cond_jaxpr"], [*given[:of_condition], *carry])[0].item(), np.bool_)
+
+        def body(leaves: list[jax.Array]) -> list[jax.Array]:
+            carry = self._joined(leaves, outs)
+            return self._leaves(self.run(params["body_jaxpr"], [*given[of_condition:of_body], *carry]), outs)
+
+        return self._joined(jax.lax.while_loop(goes_on, body, self._leaves(given[of_body:], outs)), outs)
+
+    def _scan(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        params, outs = equation.params, equation.outvars
+        consts = len(given) - len(outs)
+        inner = [var.aval for var in params["jaxpr"].jaxpr.invars]
+        if [one.shape for one in inner[consts:]] != [var.aval.shape for var in outs]:
+            raise NotImplementedError("a scan over rows, in a kernel")
+
+        def body(_: jax.Array, leaves: list[jax.Array]) -> list[jax.Array]:
+            return self._leaves(self.run(params["jaxpr"], [*given[:consts], *self._joined(leaves, outs)]), outs)
+
+        return self._joined(jax.lax.fori_loop(0, params["length"], body, self._leaves(given[consts:], outs)), outs)
+
+    def _cond(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        index, branches, outs = given[0].item(), equation.params["branches"], equation.outvars
+        if _is_known(index):
+            return self.run(branches[min(max(int(index), 0), len(branches) - 1)], given[1:])
+        works = [lambda branch=branch: self._leaves(self.run(branch, given[1:]), outs) for branch in branches]
+        return self._joined(jax.lax.switch(index, works), outs)
+
+    def _number(self, number: Any, dtype: Any) -> jax.Array:  # noqa: ANN401
+        """Return a number that all lanes have as a traced one: a loop takes no number that is known."""
+        if not _is_known(number):
+            return number  # type: ignore[no-any-return]
+        if dtype == np.bool_:
+            return self.zero == 0 if number else self.zero != 0
+        return self.zero.astype(dtype) + np.asarray(number, dtype)[()]
+
+    def _leaves(self, tables: Sequence[Values], outs: Sequence[Any]) -> list[jax.Array]:
+        """Return the numbers of arrays, one after another, as a loop or a branch takes them."""
+        return [
+            spread(number, var.aval.dtype, self.block)
+            if has_lanes(var.aval.shape)
+            else self._number(number, var.aval.dtype)
+            for table, var in zip(tables, outs, strict=True)
+            for number in np.ravel(table)
+        ]
+
+    def _joined(self, leaves: Sequence[jax.Array], outs: Sequence[Any]) -> list[Values]:
+        """Return arrays of the numbers that `_leaves` gave."""
+        out, start = [], 0
+        for var in outs:
+            shape = rows_of(var.aval.shape)
+            out.append(values(shape, leaves[start : start + math.prod(shape)]))
+            start += math.prod(shape)
+        return out
+
+
+def _known_values(table: Any) -> Values:  # noqa: ANN401
+    table = np.asarray(table)
+    return values(table.shape, list(np.ravel(table)))
+
+
+def _over_lanes(name: str, number: Any) -> Any:  # noqa: ANN401
+    """Return what an operation makes of the numbers of all lanes, ()."""
+    if jnp.ndim(number) == 0 and name != "add":
+        return number
+    if number.dtype == np.bool_:
+        whole = number.astype(jnp.int32)
+        return (jnp.max(whole) if name == "or" else jnp.min(whole)) != 0
+    if name not in ("max", "min"):
+        raise NotImplementedError(f"operation {name} over lanes of {number.dtype}, in a kernel")
+    return jnp.max(number) if name == "max" else jnp.min(number)
