@@ -27,7 +27,8 @@ from iphyre_jax.physics.types import Topology
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
-LANES_OF_DEVICE = 16384  # on an accelerator, which needs many at once
+# On an accelerator: in large groups, and in those that fit into fewer. Measured; see "GPU" in docs/decisions/engine.md.
+LANES_OF_DEVICE, FEWEST_OF_DEVICE = 16384, 1024
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,12 @@ class Partition:
     process_index: int = 0
     process_count: int = 1
 
-    def lanes(self, topology: Topology, dtype: str) -> int:
-        """Return how many worlds of a topology run side by side."""
+    def lanes(self, topology: Topology, dtype: str, worlds: int = LANES_OF_DEVICE) -> int:
+        """Return how many worlds of a topology run side by side in a group of so many, or at most."""
         if on_cpu():
             return lanes_of(topology, dtype)
-        return LANES_OF_DEVICE * (self.mesh.size if self.mesh else 1)
+        devices = self.mesh.size if self.mesh else 1
+        return devices * (FEWEST_OF_DEVICE if worlds <= FEWEST_OF_DEVICE * devices else LANES_OF_DEVICE)
 
 
 def on_cpu() -> bool:

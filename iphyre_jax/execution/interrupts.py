@@ -6,13 +6,16 @@ the host again and again, mostly in another thread, and the host can end it: an 
 
 Python writes the number of each signal to a file of our own (`signal.set_wakeup_fd`), unless somebody else, such as an
 event loop, has set one. A thread reads it. An interrupt counts only while the main thread stands where the signal found
-it, and if Ctrl-C means KeyboardInterrupt: whoever handles it in his own way is left alone.
+it, and if Ctrl-C means KeyboardInterrupt: whoever handles it in his own way is left alone. Whether the main thread goes
+on tells a call that Python makes in it, between two of its instructions. To look where it stands would not do: a short
+loop is met in the same place every second time.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import os
 import signal
 import socket
@@ -38,6 +41,7 @@ class _State:
 
     sender: socket.socket | None = None
     reader: threading.Thread | None = None
+    calls: int = 0  # that the main thread has made for `_stays`
     place: _Place | None = None  # where the main thread stands, with an interrupt that it cannot handle
 
 
@@ -92,11 +96,21 @@ def _read(receiver: socket.socket) -> None:
                 _state.place = None
 
 
+def _count(_: object) -> int:
+    _state.calls += 1
+    return 0
+
+
+_counting: Final = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(_count)
+
+
 def _stays(place: _Place) -> bool:
-    """Whether the main thread does not move; two looks alone would often meet a loop in the same place."""
+    """Whether the main thread makes no instruction within UNSEEN s."""
+    before = _state.calls
+    ctypes.pythonapi.Py_AddPendingCall(_counting, None)  # if the queue is full, nobody empties it
     for _ in range(LOOKS):
         time.sleep(UNSEEN / LOOKS)
-        if _main_place() != place:
+        if _state.calls != before or _main_place() != place:
             return False
     return True
 

@@ -79,8 +79,7 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
         words, numbers, results = refs[: len(packed)], refs[len(packed) : -len(out_rows)], refs[-len(out_rows) :]
         read = {word: _read_rows(ref, counts[word]) for word, ref in zip(packed, words, strict=True)}
         given = [
-            values(leaf.shape, [ref[k] for k in range(leaf.size)])
-            for leaf, ref in zip(of_shared, numbers, strict=True)
+            values(leaf.shape, [ref[k] for k in range(leaf.size)]) for leaf, ref in zip(of_shared, numbers, strict=True)
         ]
         given += [
             values(leaf.shape[:-1], [_from_word(next(read[_word(leaf.dtype)]), leaf.dtype) for _ in range(_rows(leaf))])
@@ -173,7 +172,10 @@ def _unpack(written: dict[str, jax.Array], outs: Sequence[Any], lanes: int) -> l
 
 
 def _read_rows(ref: Any, rows: int) -> Iterator[jax.Array]:  # noqa: ANN401
-    """Return the rows of a table, (BLOCK,) each, read at once: the time to compile grows with reads times operations."""
+    """Return the rows of a table, (BLOCK,) each.
+
+    They are read at once and then taken apart: the time to compile grows with reads times operations.
+    """
     pieces = jax.lax.split(ref[...], (1,) * ref.shape[0], 0)
     return (row.reshape(BLOCK) for row in pieces[:rows])
 

@@ -23,7 +23,7 @@ from iphyre_jax.scenes.compile import step_timing
 ATTEMPTS = 4  # at a plan that needs more contact slots than it was given
 
 
-def _contact_slots(topology: Topology) -> tuple[int, ...]:
+def contact_slots(topology: Topology) -> tuple[int, ...]:
     """Return the contact slots of each attempt: few at first, because time and compile time grow with them.
 
     None of 800,000 random plans of the forty games at 10 fps needs a second attempt: they need at most 2 slots with one
@@ -86,7 +86,7 @@ class PlanBatch:
             return
         groups = self._groups(rows)
         if on_cpu():
-            prepare([self._program(group.topology, attempt) for group in groups])
+            prepare([self._program(group, attempt) for group in groups])
         own = [groups[index :: partition.process_count] for index in range(partition.process_count)]
         run_all(partial(self._run_group, attempt), own[partition.process_index])
         if partition.process_count > 1:
@@ -98,7 +98,7 @@ class PlanBatch:
     def is_cached(self) -> bool:
         """Return whether nothing needs to be compiled for the first attempt at all rows; loads what is cached."""
         groups = self._groups(np.arange(len(self.plan)))
-        return all(load_cached(self._program(group.topology, attempt=0)) for group in groups)
+        return all(load_cached(self._program(group, attempt=0)) for group in groups)
 
     def _groups(self, rows: Indices) -> list[Group]:
         dtype = self.settings.dtype
@@ -114,15 +114,16 @@ class PlanBatch:
         self._write(rows, counts)
 
     def _with_contact_slots(self, topology: Topology, attempt: int) -> Topology:
-        return replace(topology, slots=_contact_slots(topology)[attempt])
+        return replace(topology, slots=contact_slots(topology)[attempt])
 
-    def _program(self, topology: Topology, attempt: int) -> Score | Advance:
+    def _program(self, group: Group, attempt: int) -> Score | Advance:
         program = Score if self.samples is None else Advance
-        own, dtype = self._with_contact_slots(topology, attempt), self.settings.dtype
-        return program(own, dtype, self.partition.lanes(topology, dtype), plan_slots_for(self.plan))
+        own, dtype = self._with_contact_slots(group.topology, attempt), self.settings.dtype
+        lanes = self.partition.lanes(group.topology, dtype, len(group.rows))
+        return program(own, dtype, lanes, plan_slots_for(self.plan))
 
     def _run_group(self, attempt: int, group: Group) -> None:
-        program = self._program(group.topology, attempt)
+        program = self._program(group, attempt)
         run, settings = runner(program, self.partition.mesh), self.settings
         worlds = group.worlds(program.lanes)
         plans = group.plans(self.plan, program.plan_slots, program.lanes)

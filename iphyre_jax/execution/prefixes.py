@@ -94,7 +94,8 @@ class _Segment:
         return self.partition.lanes(topology, self.dtype)
 
     def _program(self, group: Group) -> Advance:
-        return Advance(group.topology, self.dtype, self._lanes(group.topology), plan_slots_for(self.plan))
+        lanes = self.partition.lanes(group.topology, self.dtype, len(group.rows))
+        return Advance(group.topology, self.dtype, lanes, plan_slots_for(self.plan))
 
     def _run_group(self, starts: Words | None, after: Words, results: npt.NDArray[np.int32], group: Group) -> None:
         program, count = self._program(group), len(group.rows)

@@ -126,11 +126,12 @@ class Score(_PlanProgram):
         """Return success, steps, eliminations and fault, (4, lanes) int32."""
 
         def score(worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array) -> jax.Array:
-            return in_one_kernel(self._score, (numbers, steps), (worlds, plan))
+            return in_one_kernel(self.in_lanes, (numbers, steps), (worlds, plan))
 
         return (in_one_function(score, *arguments),)
 
-    def _score(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
+    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
+        """Do what `run` does; shared: numbers and steps; lanes: worlds and plans."""
         (numbers, steps), (worlds, plan) = shared, lanes
         world = world_layout(self.topology, self.dtype).unpack(worlds)
         start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
@@ -156,13 +157,12 @@ class Advance(_PlanProgram):
         def advance(
             worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array, episodes: jax.Array
         ) -> jax.Array:
-            return in_one_kernel(self._advance, (numbers, steps), (worlds, plan, episodes))
+            return in_one_kernel(self.in_lanes, (numbers, steps), (worlds, plan, episodes))
 
         return (in_one_function(advance, *arguments),)
 
-    def _advance(
-        self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array, jax.Array]
-    ) -> jax.Array:
+    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        """Do what `run` does; shared: numbers and steps; lanes: worlds, plans and episodes."""
         (numbers, steps), (worlds, plan, episodes) = shared, lanes
         layout = episode_layout(self.topology, self.dtype)
         world = world_layout(self.topology, self.dtype).unpack(worlds)

@@ -14,14 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial, reduce
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Literal
 
+FEW_NUMBERS: Final = 4  # of a row, which are selected without a branch
 LANES: Final = 1_000_003  # of arrays as they are traced; a prime, so that no other axis is as long
 
 Values = npt.NDArray[np.object_]  # of the rows' shape; NumPy numbers where they are known
@@ -29,8 +30,11 @@ Operation = Callable[..., Any]
 
 # Operations on numbers, each lane by itself.
 _OF_NUMBERS: Final = frozenset(
-    "abs add and bitcast_convert_type clz convert_element_type cos div eq ge gt is_finite le lt max min mul ne neg not"
-    " or population_count select_n shift_left shift_right_arithmetic shift_right_logical sin sqrt sub xor".split()
+    (
+        *("abs", "add", "and", "bitcast_convert_type", "clz", "convert_element_type", "cos", "div", "eq", "ge", "gt"),
+        *("is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "population_count", "select_n"),
+        *("shift_left", "shift_right_arithmetic", "shift_right_logical", "sin", "sqrt", "sub", "xor"),
+    )
 )
 # What NumPy computes if all numbers are known, with the same roundings.
 _OF_KNOWN: Final[Mapping[str, Operation]] = {
@@ -91,7 +95,7 @@ def evaluate(traced: ClosedJaxpr, arguments: Sequence[Values], block: int, zero:
 def spread(number: Any, dtype: Any, block: int) -> jax.Array:  # noqa: ANN401
     """Return a number as one of each lane, (block,)."""
     if isinstance(number, np.generic):
-        return jnp.full((block,), number, dtype)
+        return jnp.full((block,), cast(Any, number), dtype)
     return jnp.broadcast_to(number, (block,))
 
 
@@ -107,19 +111,22 @@ class _Evaluation:
 
     def run(self, traced: ClosedJaxpr, arguments: Sequence[Values]) -> list[Values]:
         """Return the results of a function."""
-        jaxpr: Jaxpr = traced.jaxpr
+        jaxpr: Any = traced.jaxpr
         known: dict[Any, Values] = {}
 
         def read(var: Any) -> Values:  # noqa: ANN401
-            return _known_values(np.asarray(var.val, var.aval.dtype)) if isinstance(var, Literal) else known[var]
+            dtype = var.aval.dtype
+            return _known_values(np.asarray(var.val, dtype)) if isinstance(var, Literal) else known[var]
 
         known.update(zip(jaxpr.constvars, map(_known_values, traced.consts), strict=True))
         known.update(zip(jaxpr.invars, arguments, strict=True))
         for equation in jaxpr.eqns:
             name = equation.primitive.name
             if name in _OF_NUMBERS:
-                work: Operation = partial(self._number_by_number, equation.primitive)
-            elif (work := getattr(self, f"_{name}", None)) is None:
+                work: Operation | None = partial(self._number_by_number, equation.primitive)
+            else:
+                work = getattr(self, f"_{name}", None)
+            if work is None:
                 raise NotImplementedError(f"operation {name} in a kernel")
             results = work(list(map(read, equation.invars)), equation)
             known.update(zip(equation.outvars, results, strict=True))
@@ -222,7 +229,9 @@ class _Evaluation:
     def _iota(self, _: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         shape, axis = rows_of(equation.outvars[0].aval.shape), equation.params["dimension"]
         numbers = np.arange(shape[axis], dtype=equation.params["dtype"])
-        return [_known_values(np.broadcast_to(np.expand_dims(numbers, [k for k in range(len(shape)) if k != axis]), shape))]
+        return [
+            _known_values(np.broadcast_to(np.expand_dims(numbers, [k for k in range(len(shape)) if k != axis]), shape))
+        ]
 
     # Rows whose number is traced
 
@@ -242,11 +251,36 @@ class _Evaluation:
         if size != 1:
             raise NotImplementedError("several rows at once from a traced row, in a kernel")
         rows = table.reshape(len(table), -1)
-        out = list(rows[0])
-        for k in range(1, last + 1):
-            here = first >= k  # a number beyond the last row means the last one
-            out = [self._select(here, new, old) for new, old in zip(rows[k], out, strict=True)]
-        return values((1, *table.shape[1:]), out)
+        chosen = self._choose(list(rows), first, 0)
+        return values((1, *table.shape[1:]), chosen)
+
+    def _choose(self, rows: Sequence[Values], number: jax.Array, first: int) -> Sequence[Any]:
+        """Return the row of a number, which lies between `first` and the last row, or means the nearer of these."""
+        if len(rows) == 1:
+            return list(rows[0])
+        middle = len(rows) // 2
+        if len(rows[0]) <= FEW_NUMBERS:
+            below, above = (
+                self._choose(rows[:middle], number, first),
+                self._choose(rows[middle:], number, first + middle),
+            )
+            here = number >= first + middle
+            return [self._select(here, yes, no) for yes, no in zip(above, below, strict=True)]
+        # A branch costs less than to select each of many numbers. What is the same in all rows stays out of it.
+        common = [all(row[k] is rows[0][k] for row in rows) for k in range(len(rows[0]))]
+        laned = [any(jnp.ndim(row[k]) for row in rows) for k in range(len(rows[0]))]
+
+        def leaves(part: Sequence[Values], start: int) -> list[jax.Array]:
+            row = self._choose(part, number, start)
+            return [
+                spread(one, one.dtype, self.block) if wide else self._number(one, one.dtype)
+                for one, wide, same in zip(row, laned, common, strict=True)
+                if not same
+            ]
+
+        halves = ((rows[middle:], first + middle), (rows[:middle], first))
+        taken = iter(jax.lax.cond(number >= first + middle, *(partial(leaves, *half) for half in halves)))
+        return [rows[0][k] if same else next(taken) for k, same in enumerate(common)]
 
     def _dynamic_update_slice(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         table, update, *starts = given
@@ -309,11 +343,11 @@ class _Evaluation:
         params, outs = equation.params, equation.outvars
         of_condition, of_body = params["cond_nconsts"], params["cond_nconsts"] + params["body_nconsts"]
 
-        def goes_on(leaves: list[jax.Array]) -> jax.Array:
+        def goes_on(leaves: Sequence[jax.Array]) -> jax.Array:
             carry = self._joined(leaves, outs)
             return self._number(self.run(params["cond_jaxpr"], [*given[:of_condition], *carry])[0].item(), np.bool_)
 
-        def body(leaves: list[jax.Array]) -> list[jax.Array]:
+        def body(leaves: Sequence[jax.Array]) -> Sequence[jax.Array]:
             carry = self._joined(leaves, outs)
             return self._leaves(self.run(params["body_jaxpr"], [*given[of_condition:of_body], *carry]), outs)
 
@@ -341,7 +375,7 @@ class _Evaluation:
     def _number(self, number: Any, dtype: Any) -> jax.Array:  # noqa: ANN401
         """Return a number that all lanes have as a traced one: a loop takes no number that is known."""
         if not _is_known(number):
-            return number  # type: ignore[no-any-return]
+            return cast(jax.Array, number)
         if dtype == np.bool_:
             return self.zero == 0 if number else self.zero != 0
         return self.zero.astype(dtype) + np.asarray(number, dtype)[()]
@@ -366,7 +400,7 @@ class _Evaluation:
         return out
 
 
-def _known_values(table: Any) -> Values:  # noqa: ANN401
+def _known_values(table: npt.ArrayLike) -> Values:
     table = np.asarray(table)
     return values(table.shape, list(np.ravel(table)))
 

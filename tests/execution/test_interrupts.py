@@ -54,11 +54,14 @@ def test_a_main_thread_that_waits_interrupts_the_callbacks() -> None:
 
 
 @pytest.mark.slow
-def test_a_main_thread_that_goes_on_has_seen_it_itself() -> None:
+@pytest.mark.parametrize("each", [0, 50])
+def test_a_main_thread_that_goes_on_has_seen_it_itself(each: int) -> None:
+    """Also in a loop so short that it is almost always met in the same place."""
+
     def works() -> None:
         end, places = time.monotonic() + 1.0, 0
         while time.monotonic() < end:
-            places += sum(k * k for k in range(50))
+            places += sum(k * k for k in range(each))
 
     assert not signalled(works)
 

@@ -1,0 +1,155 @@
+"""Parts of programs as one kernel of a GPU: played by an interpreter and lowered for CUDA, which needs no GPU."""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import iphyre_jax
+from iphyre_jax.execution import one_kernel
+from iphyre_jax.execution.batching import cached_world
+from iphyre_jax.execution.one_kernel import in_one_kernel, kernel
+from iphyre_jax.execution.programs import Advance, Score, pack_timing, world_layout
+from iphyre_jax.scenes.compile import step_timing
+
+pytestmark = pytest.mark.usefixtures("few_optimisations")
+
+LANES = 40  # a whole block and a part of one
+FPS = 10
+
+
+@pytest.fixture
+def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the package does where JAX's default device is a GPU."""
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+
+
+def operations(shared: dict[str, jax.Array], lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    """What the physics is made of: rows by a traced number, loops until no lane goes on, branches, words of flags."""
+    table, flags, count = lanes["table"], lanes["flags"], lanes["count"]
+    row = shared["row"]
+    read = jax.lax.dynamic_index_in_dim(table, row, 0, keepdims=False)
+    wide = jax.lax.dynamic_index_in_dim(table.reshape(2, 3, -1), row, 0, keepdims=False)
+    far = jax.lax.dynamic_index_in_dim(table, row + 100, 0, keepdims=False)  # means the last row
+    written = jax.lax.dynamic_update_index_in_dim(table, read * 2, row + 1, 0)
+    any_lane = jnp.any(flags, axis=1)
+
+    def turn(state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        k, left = state
+        return k + 1, jnp.where(left > 0, left - 1, left)
+
+    turns, left = jax.lax.while_loop(lambda state: jnp.any(state[1] > 0), turn, (jnp.int32(0), count))
+    summed = jax.lax.fori_loop(0, 3, lambda k, total: total + table[0] * k, jnp.zeros_like(read))
+    branch = jax.lax.cond(any_lane[1], lambda: (read + 1, jnp.int32(3)), lambda: (read - 1, jnp.int32(4)))
+    padded = jnp.pad(jnp.stack([read, far]), ((0, 1), (0, 0)))
+    bits = jax.lax.bitcast_convert_type(read, jnp.int32)
+    return {
+        "written": written,
+        "wide": wide,
+        "far": far + shared["row"],
+        "left": left + turns,
+        "summed": summed + branch[0] * branch[1],
+        "padded": padded,
+        "cumulated": jnp.cumsum(count[None] + jnp.arange(4, dtype=jnp.int32)[:, None], axis=0),
+        "reduced": jnp.max(table, axis=0) - jnp.min(table) + jnp.sum(any_lane),
+        "flags": flags & ~any_lane[:, None] | (jnp.sum(flags, axis=0) > 1)[None],
+        "words": (jax.lax.clz(bits) ^ jax.lax.population_count(bits)) << 2 >> 1,
+        "nothing": table[:0],
+    }
+
+
+def test_a_kernel_gives_what_its_work_gives() -> None:
+    rng = np.random.default_rng(0)
+    shared = {"row": np.int32(1)}
+    lanes = {
+        "table": rng.normal(size=(6, LANES)).astype(np.float32),
+        "flags": rng.random((5, LANES)) < [[0], [1], [0.5], [0.01], [0.9]],
+        "count": rng.integers(0, 9, LANES).astype(np.int32),
+    }
+    expected = jax.jit(operations)(shared, lanes)
+    # "any lane" means one of a block: so the blocks one by one.
+    blocks = [
+        jax.jit(operations)(shared, {name: part[..., start : start + 32] for name, part in lanes.items()})
+        for start in (0, 32)
+    ]
+    found = jax.jit(partial(kernel, operations, interpret=True))(shared, lanes)
+    for name, leaf in found.items():
+        assert leaf.shape == expected[name].shape, name
+        joined = np.concatenate([block[name] for block in blocks], -1)
+        np.testing.assert_allclose(leaf, joined, rtol=1e-6, err_msg=name)
+
+
+def program_of(kind: type[Score] | type[Advance], game: str, dtype: str) -> tuple[Any, list[Any]]:
+    """A program for LANES worlds of a game, and its arguments."""
+    scene = iphyre_jax.load_scene(game)
+    topology, world = cached_world(scene, 1, dtype)
+    program = kind(topology, dtype, LANES, 6)
+    worlds = np.repeat(world_layout(topology, dtype).pack_many([world]), LANES, 1)
+    blocks = len(scene.eliminable_blocks)
+    plans = np.full((6, LANES), -1, np.int32)
+    plans[:blocks] = np.random.default_rng(1).integers(-5, 25, (blocks, LANES))
+    steps = np.array([40, 1][: 1 + (kind is Advance)], np.int32)
+    given = [worlds, np.maximum(plans, -1), pack_timing(step_timing(FPS, dtype)), steps]
+    if kind is Advance:
+        episodes = program.arguments()[-1]
+        given.append(np.zeros(episodes.shape, episodes.dtype))
+    return program, given
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "game", "dtype"), [(Advance, "hole", "float64"), (Score, "fill", "float32")])
+def test_worlds_in_a_kernel_end_as_on_a_cpu(
+    kind: type[Score], game: str, dtype: str, gpu: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In float64 to the last bit of all that is kept of an episode."""
+    with jax.enable_x64(dtype == "float64"):
+        program, (worlds, plans, timing, steps, *episodes) = program_of(kind, game, dtype)
+        shared, lanes = (timing, steps), (worlds, plans, *episodes)
+        found = jax.jit(partial(kernel, program.in_lanes, interpret=True))(shared, lanes)
+        monkeypatch.undo()
+        expected = np.asarray(jax.jit(program.in_lanes)(shared, lanes))
+    np.testing.assert_array_equal(found, expected)
+    assert len(np.unique(expected, axis=1).T) > 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [Score, Advance])
+@pytest.mark.parametrize(("game", "dtype"), [("hole", "float32"), ("seesaw", "float64"), ("spring_flick", "float32")])
+def test_programs_become_one_kernel(
+    kind: type[Score], game: str, dtype: str, gpu: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    with jax.enable_x64(dtype == "float64"), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        program, given = program_of(kind, game, dtype)
+        text = jax.jit(program.run).trace(*given).lower(lowering_platforms=("cuda",)).as_text()
+    assert text.count("stablehlo.custom_call") == 1
+    assert "stablehlo.while" not in text
+
+
+@pytest.mark.slow
+def test_a_decision_in_the_users_program_is_one_kernel(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    env, params = iphyre_jax.make("on-the-fly/pendulum-v1", backend="xla", observation="motion")
+    state = jax.eval_shape(jax.vmap(env.reset, in_axes=(0, None)), jax.random.split(jax.random.key(0), 5), params)[1]
+    step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+    keys, actions = jax.random.split(jax.random.key(1), 5), jnp.zeros(5, jnp.int32)
+    text = step.trace(keys, state, actions, params).lower(lowering_platforms=("cuda",)).as_text()
+    assert text.count("stablehlo.custom_call @__gpu") == 1
+
+
+def test_on_a_cpu_nothing_changes() -> None:
+    np.testing.assert_array_equal(in_one_kernel(lambda one, many: one + many, 1.0, np.arange(3.0)), [1, 2, 3])
+
+
+def test_what_a_kernel_cannot_do_is_done_without_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    with pytest.warns(RuntimeWarning, match=r"^this version of JAX makes no kernel of the physics \(.* operation sort"):
+        found = in_one_kernel(lambda _, rows: jnp.sort(rows, axis=0), None, jnp.array([[2.0, 1], [1, 3]]))
+    np.testing.assert_array_equal(found, [[1, 1], [2, 3]])
