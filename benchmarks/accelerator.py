@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 import iphyre_jax
 from benchmarks.worker_pool import ROOT
-from benchmarks.workers import final_poses
 from benchmarks.workload import make_workload
 from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.execution.batching import cached_world
@@ -37,6 +36,7 @@ from iphyre_jax.scenes.scene import Scene
 DECISIONS = 64  # of each world, in one scan
 CHANCE = 0.1  # of a removal, at each decision
 REPEATS = 5
+DTYPES = ("float64", "float32")
 FORMS = {"kernel": "one kernel", "operations": "a kernel for each fused operation"}
 
 
@@ -137,35 +137,48 @@ def decisions_of(split: str, worlds: int, fps: int) -> Measured:
     return Measured((split, f"{worlds:,}"), took, run)
 
 
-def reference(fps: int, plans: int, folder: Path) -> tuple[subprocess.Popen[bytes], Path]:
-    """Begin to play on the CPU, in a process of its own."""
-    file = folder / "cpu.npz"
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-m", "benchmarks.workers.final_poses", str(fps), str(plans), str(file)]
-    return subprocess.Popen(command, env=env), file  # noqa: S603 - our own arguments
+@dataclass(frozen=True)
+class Plays:
+    """Plays of a process of their own, under way."""
+
+    process: subprocess.Popen[bytes]
+    file: Path
+
+    @classmethod
+    def begin(cls, platform: str, dtype: str, options: Options, folder: Path) -> Plays:
+        """Begin to play on a platform of JAX, "" for its default."""
+        file = folder / f"{platform} {dtype}.npz"
+        env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "JAX_PLATFORMS": platform}
+        env["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"  # this process has most of the device's memory
+        numbers = str(options.fps), str(options.plans)
+        command = [sys.executable, "-m", "benchmarks.workers.final_poses", *numbers, dtype, str(file)]
+        return cls(subprocess.Popen(command, env=env), file)  # noqa: S603 - our own arguments
+
+    def end(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Wait, and return outcomes and last poses.
+
+        Raises:
+            RuntimeError: the process failed.
+        """
+        if code := self.process.wait():
+            raise RuntimeError(f"the process that wrote {self.file.name} ended with {code}")
+        with np.load(self.file) as found:
+            return found["outcomes"], found["poses"]
 
 
-def agreement(own: dict[str, NDArray[Any]], cpu: dict[str, NDArray[Any]]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each number type, of all games, and of those in which no bar moves."""
-    still = np.array(
-        [
-            not iphyre_jax.load_scene(game).dynamic[: iphyre_jax.load_scene(game).n_blocks].any()
-            for game in iphyre_jax.GAMES
-        ]
-    )
-    for dtype in final_poses.DTYPES:
-        same = (own[f"{dtype} outcomes"] == cpu[f"{dtype} outcomes"]).all(-1)
-        one, other = own[f"{dtype} poses"], cpu[f"{dtype} poses"]
-        bits = ((one == other) | (np.isnan(one) & np.isnan(other))).all((1, 2))
-        apart = np.nanmax(np.abs(one - other)[..., :2], axis=(1, 2))
-        of_still = still[np.arange(len(same)) % len(still)]
-        for name, chosen in (
-            ("all forty", np.ones_like(of_still)),
-            ("balls alone move", of_still),
-            ("bars move", ~of_still),
-        ):
-            shares = [f"{int(found[chosen].sum()):,} of {int(chosen.sum()):,}" for found in (same, bits)]
-            yield dtype, name, *shares, f"{np.median(apart[chosen]):.1e}", f"{apart[chosen].max():.1e}"
+def agreement(dtype: str, own: Plays, cpu: Plays) -> Iterator[tuple[str, ...]]:
+    """Yield a row of all games, of those in which balls alone move, and of the others."""
+    scenes = [iphyre_jax.load_scene(game) for game in iphyre_jax.GAMES]
+    still = np.array([not scene.dynamic[: scene.n_blocks].any() for scene in scenes])
+    (outcomes, one), (expected, other) = own.end(), cpu.end()
+    same = (outcomes == expected).all(-1)
+    bits = ((one == other) | (np.isnan(one) & np.isnan(other))).all((1, 2))
+    apart = np.nanmax(np.abs(one - other)[..., :2], axis=(1, 2))
+    of_still = still[np.arange(len(same)) % len(still)]
+    sets = {"all forty": np.ones_like(of_still), "balls alone move": of_still, "bars move": ~of_still}
+    for name, chosen in sets.items():
+        shares = [f"{int(found[chosen].sum()):,} of {int(chosen.sum()):,}" for found in (same, bits)]
+        yield dtype, name, *shares, f"{np.median(apart[chosen]):.1e}", f"{apart[chosen].max():.1e}"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -208,14 +221,18 @@ def page(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure and write the page; return 0, 1 if the CPU's process fails, 2 without a GPU."""
+    """Measure and write the page; return 0, or 2 without a GPU."""
     options = tyro.cli(Options, args=arguments, prog="python -m benchmarks.accelerator")
     if on_cpu():
         print("expected a GPU: JAX's first device is a CPU", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
-        started = reference(options.fps, options.plans, Path(folder)) if options.plans else None
-        waiting = [
+        playing = [
+            (dtype, *(Plays.begin(platform, dtype, options, Path(folder)) for platform in ("", "cpu")))
+            for dtype in DTYPES
+            if options.plans
+        ]
+        programs = [
             pool.submit(steps_of, iphyre_jax.load_scene(game), lanes, options.fps, form)
             for game in options.games
             for lanes in options.lanes
@@ -226,20 +243,8 @@ def main(arguments: list[str] | None = None) -> int:
             for split in options.split
             for worlds in options.worlds
         ]
-        plays = [
-            pool.submit(final_poses.play, options.fps, options.plans, dtype)
-            for dtype in final_poses.DTYPES
-            if options.plans
-        ]
-        own = {name: array for play in plays for name, array in play.result().items()}
-        steps, decisions = ([one.result() for one in part] for part in (waiting, loops))
-        agreed: list[tuple[str, ...]] = []
-        if started is not None:
-            if started[0].wait():
-                print("the CPU's plays failed", file=sys.stderr)
-                return 1
-            with np.load(started[1]) as cpu:
-                agreed = list(agreement(own, dict(cpu)))
+        steps, decisions = ([one.result() for one in part] for part in (programs, loops))
+        agreed = [row for plays in playing for row in agreement(*plays)]
         for one in (*steps, *decisions):
             one.measure()
             print(*one.what, f"{one.rate / 1e6:,.2f} million a second, compiled in {one.compile_s:.1f} s", flush=True)
