@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -145,7 +146,7 @@ class Plays:
     file: Path
 
     @classmethod
-    def begin(cls, platform: str, dtype: str, options: Options, folder: Path) -> Plays:
+    def begin(cls, options: Options, folder: Path, dtype: str, platform: str) -> Plays:
         """Begin to play on a platform of JAX, "" for its default."""
         file = folder / f"{platform} {dtype}.npz"
         env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "JAX_PLATFORMS": platform}
@@ -227,11 +228,8 @@ def main(arguments: list[str] | None = None) -> int:
         print("expected a GPU: JAX's first device is a CPU", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
-        playing = [
-            (dtype, *(Plays.begin(platform, dtype, options, Path(folder)) for platform in ("", "cpu")))
-            for dtype in DTYPES
-            if options.plans
-        ]
+        begin = partial(Plays.begin, options, Path(folder))
+        playing = [(dtype, begin(dtype, ""), begin(dtype, "cpu")) for dtype in DTYPES if options.plans]
         programs = [
             pool.submit(steps_of, iphyre_jax.load_scene(game), lanes, options.fps, form)
             for game in options.games
@@ -245,11 +243,12 @@ def main(arguments: list[str] | None = None) -> int:
         ]
         steps, decisions = ([one.result() for one in part] for part in (programs, loops))
         agreed = [row for plays in playing for row in agreement(*plays)]
+        options.page.parent.mkdir(parents=True, exist_ok=True)
         for one in (*steps, *decisions):
             one.measure()
             print(*one.what, f"{one.rate / 1e6:,.2f} million a second, compiled in {one.compile_s:.1f} s", flush=True)
-    options.page.parent.mkdir(parents=True, exist_ok=True)
-    replace_text(options.page, page(options, steps, decisions, agreed))
+            parts = ([each for each in part if each.seconds] for part in (steps, decisions))
+            replace_text(options.page, page(options, *parts, agreed))
     print(f"saved {options.page}")
     return 0
 

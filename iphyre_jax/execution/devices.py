@@ -27,8 +27,10 @@ from iphyre_jax.physics.types import Topology
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
-# On an accelerator: in large groups, and in those that fit into fewer. Measured; see "GPU" in docs/decisions/engine.md.
+# On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "GPU" in
+# docs/decisions/engine.md.
 LANES_OF_DEVICE, FEWEST_OF_DEVICE = 16384, 1024
+MOST_OF_DEVICE = 131072  # in the user's program, for memory's sake
 
 
 @dataclass(frozen=True)
@@ -69,9 +71,14 @@ def lanes_of(topology: Topology, dtype: str) -> int:
     return lanes
 
 
-def traced_lanes() -> int:
-    """Return how many worlds run side by side in the user's program."""
-    return LANES if on_cpu() else LANES_OF_DEVICE
+def traced_lanes(worlds: int, topologies: int) -> int:
+    """Return how many of so many worlds run side by side in the user's program.
+
+    An accelerator takes as long for few as for thousands. So a topology has one group, even if its share is double.
+    """
+    if on_cpu():
+        return min(worlds, LANES)
+    return min(worlds, MOST_OF_DEVICE, max(FEWEST_OF_DEVICE, 2 * worlds // topologies))
 
 
 def partition_of(mesh: Mesh | None) -> Partition:

@@ -96,7 +96,7 @@ def _play_batch(
     (timing, games), size = shared, given.next_game.shape[0]
     if not size:
         return step.blank(0)
-    lanes, is_single = min(size, traced_lanes()), games.topology_id.shape[0] == 1
+    lanes, is_single = traced_lanes(size, len(step.topologies)), games.topology_id.shape[0] == 1
     # To gather and turn over what few lanes need costs a CPU more than to copy it row by row.
     by_rows = on_cpu() and not is_single
 
