@@ -247,8 +247,8 @@ def main(arguments: list[str] | None = None) -> int:
         for one in (*steps, *decisions):
             one.measure()
             print(*one.what, f"{one.rate / 1e6:,.2f} million a second, compiled in {one.compile_s:.1f} s", flush=True)
-            parts = ([each for each in part if each.seconds] for part in (steps, decisions))
-            replace_text(options.page, page(options, *parts, agreed))
+            first, second = ([each for each in part if each.seconds] for part in (steps, decisions))
+            replace_text(options.page, page(options, first, second, agreed))
     print(f"saved {options.page}")
     return 0
 
