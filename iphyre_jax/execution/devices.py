@@ -27,8 +27,8 @@ from iphyre_jax.physics.types import Topology
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
-# On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "GPU" in
-# docs/decisions/engine.md.
+# On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "On an
+# NVIDIA GPU" in docs/decisions/engine.md.
 LANES_OF_DEVICE, FEWEST_OF_DEVICE = 16384, 1024
 MOST_OF_DEVICE = 131072  # in the user's program, for memory's sake
 

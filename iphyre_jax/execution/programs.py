@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax import rollouts
+from iphyre_jax.execution.gpu.one_kernel import in_one_kernel
 from iphyre_jax.execution.layout import Layout
 from iphyre_jax.execution.one_function import in_one_function
-from iphyre_jax.execution.one_kernel import in_one_kernel
 from iphyre_jax.physics.types import Timing, Topology, World
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
@@ -30,8 +30,7 @@ SOURCES: Final = (
     "execution/programs.py",
     "execution/layout.py",
     "execution/one_function.py",
-    "execution/one_kernel.py",
-    "execution/row_by_row.py",
+    "execution/gpu",
 )
 SPARE: Final = -2  # in a plan: the lane is spare, done before it starts
 

@@ -79,7 +79,7 @@ def any_lane(flags: jax.Array) -> tuple[jax.Array, ...]:
     """Return for each row of (P, *lanes) flags whether any lane has it set, as words of 32 bits, () uint32 each.
 
     One OR-reduction over integers is much faster on a CPU than P reductions over booleans. A GPU's kernels keep rows
-    apart, and reduce each of them (`execution/row_by_row`).
+    apart, and reduce each of them (`execution/gpu/row_by_row`).
     """
     words = []
     if jax.default_backend() != "cpu":

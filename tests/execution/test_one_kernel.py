@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.execution import one_kernel
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.one_kernel import in_one_kernel, kernel
+from iphyre_jax.execution.gpu import one_kernel
+from iphyre_jax.execution.gpu.one_kernel import in_one_kernel, kernel
 from iphyre_jax.execution.programs import Advance, Score, pack_timing, world_layout
 from iphyre_jax.scenes.compile import step_timing
 

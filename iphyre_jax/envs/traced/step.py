@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.scene_features import feature_shapes
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
+from iphyre_jax.execution.gpu.one_kernel import in_one_kernel
 from iphyre_jax.execution.layout import WORD, Layout, Parts
-from iphyre_jax.execution.one_kernel import in_one_kernel
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe

@@ -19,13 +19,11 @@ from typing import Any, Final, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy.typing as npt
 from jax.extend.core import ClosedJaxpr, Literal
 
-FEW_NUMBERS: Final = 4  # of a row, which are selected without a branch
-LANES: Final = 1_000_003  # of arrays as they are traced; a prime, so that no other axis is as long
+from iphyre_jax.execution.gpu.rows import MOVES, Values, has_lanes, is_known, known_values, rows_of, spread, values
 
-Values = npt.NDArray[np.object_]  # of the rows' shape; NumPy numbers where they are known
+FEW_NUMBERS: Final = 4  # of a row, which are selected without a branch
 Operation = Callable[..., Any]
 
 # Operations on numbers, each lane by itself.
@@ -59,24 +57,6 @@ _OF_KNOWN: Final[Mapping[str, Operation]] = {
 }
 
 
-def has_lanes(shape: Sequence[int]) -> bool:
-    """Return whether a traced array has lanes behind its rows."""
-    return bool(shape) and shape[-1] == LANES
-
-
-def rows_of(shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the shape of a traced array without lanes."""
-    return tuple(shape[:-1]) if has_lanes(shape) else tuple(shape)
-
-
-def values(shape: Sequence[int], numbers: Sequence[Any]) -> Values:
-    """Return numbers as an array of rows."""
-    out = np.empty(math.prod(shape), object)
-    for k, number in enumerate(numbers):
-        out[k] = number
-    return out.reshape(tuple(shape))
-
-
 def evaluate(traced: ClosedJaxpr, arguments: Sequence[Values], block: int, zero: jax.Array) -> list[Values]:
     """Return the results of a traced function; traced itself.
 
@@ -92,17 +72,6 @@ def evaluate(traced: ClosedJaxpr, arguments: Sequence[Values], block: int, zero:
     return _Evaluation(block, zero).run(traced, arguments)
 
 
-def spread(number: Any, dtype: Any, block: int) -> jax.Array:  # noqa: ANN401
-    """Return a number as one of each lane, (block,)."""
-    if isinstance(number, np.generic):
-        return jnp.full((block,), cast(Any, number), dtype)
-    return jnp.broadcast_to(number, (block,))
-
-
-def _is_known(number: object) -> bool:
-    return isinstance(number, np.generic)
-
-
 class _Evaluation:
     """The evaluation of one function; a method `_name` is the operation `name` of JAX on arrays."""
 
@@ -116,16 +85,16 @@ class _Evaluation:
 
         def read(var: Any) -> Values:  # noqa: ANN401
             dtype = var.aval.dtype
-            return _known_values(np.asarray(var.val, dtype)) if isinstance(var, Literal) else known[var]
+            return known_values(np.asarray(var.val, dtype)) if isinstance(var, Literal) else known[var]
 
-        known.update(zip(jaxpr.constvars, map(_known_values, traced.consts), strict=True))
+        known.update(zip(jaxpr.constvars, map(known_values, traced.consts), strict=True))
         known.update(zip(jaxpr.invars, arguments, strict=True))
         for equation in jaxpr.eqns:
             name = equation.primitive.name
             if name in _OF_NUMBERS:
                 work: Operation | None = partial(self._number_by_number, equation.primitive)
             else:
-                work = getattr(self, f"_{name}", None)
+                work = MOVES.get(name) or getattr(self, f"_{name}", None)
             if work is None:
                 raise NotImplementedError(f"operation {name} in a kernel")
             results = work(list(map(read, equation.invars)), equation)
@@ -149,7 +118,7 @@ class _Evaluation:
     def _compute(self, primitive: Any, params: Mapping[str, Any], given: Sequence[Any]) -> Any:  # noqa: ANN401
         """Return the result of an operation on numbers."""
         name = primitive.name
-        if all(map(_is_known, given)):
+        if all(map(is_known, given)):
             if name in _OF_KNOWN:
                 return _OF_KNOWN[name](*given)
             if name == "convert_element_type":
@@ -166,13 +135,13 @@ class _Evaluation:
             return other if bool(decided) == (name == "and") else decided
         if any(jnp.ndim(one) for one in given):
             given = [one if jnp.ndim(one) else spread(one, one.dtype, self.block) for one in given]
-        given = [jax.lax.full((), one, one.dtype) if _is_known(one) else one for one in given]
+        given = [jax.lax.full((), one, one.dtype) if is_known(one) else one for one in given]
         return primitive.bind(*given, **params)
 
     def _select(self, condition: Any, yes: Any, no: Any) -> Any:  # noqa: ANN401
         return self._compute(jax.lax.select_n_p, {}, (condition, no, yes))
 
-    # Calls, and what only moves rows
+    # Calls
 
     def _jit(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         return self.run(equation.params["jaxpr"], given)
@@ -181,57 +150,6 @@ class _Evaluation:
         return given
 
     _optimization_barrier = _copy = _same
-
-    def _slice(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        params, rows = equation.params, given[0].ndim
-        strides = params["strides"] or (1,) * len(params["start_indices"])
-        bounds = zip(params["start_indices"], params["limit_indices"], strides, strict=True)
-        return [given[0][tuple(slice(*bound) for bound in bounds)[:rows]]]
-
-    def _reshape(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        return [given[0].reshape(rows_of(equation.outvars[0].aval.shape))]
-
-    _squeeze = _expand_dims = _reshape
-
-    def _concatenate(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        return [np.concatenate(given, equation.params["dimension"])]
-
-    def _stack(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        return [np.stack(given, equation.params["axis"])]
-
-    def _unstack(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        rows, axis = given[0], equation.params["axis"]
-        return [values((), [row]) if rows.ndim == 1 else row for row in np.moveaxis(rows, axis, 0)]
-
-    def _pad(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        table, fill = given
-        for axis, (before, after, between) in enumerate(equation.params["padding_config"][: table.ndim]):
-            if min(before, after) < 0 or between:
-                raise NotImplementedError("a padding that is negative or between rows, in a kernel")
-            parts = [
-                np.broadcast_to(fill, (*table.shape[:axis], size, *table.shape[axis + 1 :])) for size in (before, after)
-            ]
-            table = np.concatenate([parts[0], table, parts[1]], axis)
-        return [table]
-
-    def _broadcast_in_dim(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        table, shape = given[0], rows_of(equation.outvars[0].aval.shape)
-        dimensions = equation.params["broadcast_dimensions"]
-        if has_lanes(equation.invars[0].aval.shape):
-            dimensions = dimensions[:-1]
-        elif dimensions and dimensions[-1] == len(shape):  # an axis of length 1 becomes lanes
-            dimensions, table = dimensions[:-1], table.reshape(table.shape[:-1])
-        aligned = [1] * len(shape)
-        for axis, size in zip(dimensions, table.shape, strict=True):
-            aligned[axis] = size
-        return [np.broadcast_to(table.reshape(aligned), shape)]
-
-    def _iota(self, _: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
-        shape, axis = rows_of(equation.outvars[0].aval.shape), equation.params["dimension"]
-        numbers = np.arange(shape[axis], dtype=equation.params["dtype"])
-        return [
-            _known_values(np.broadcast_to(np.expand_dims(numbers, [k for k in range(len(shape)) if k != axis]), shape))
-        ]
 
     # Rows whose number is traced
 
@@ -245,7 +163,7 @@ class _Evaluation:
 
     def _rows_from(self, table: Values, first: Any, size: int) -> Values:  # noqa: ANN401
         last = len(table) - size
-        if _is_known(first):
+        if is_known(first):
             start = min(max(int(first), 0), last)
             return table[start : start + size]
         if size != 1:
@@ -293,7 +211,7 @@ class _Evaluation:
         rows = np.moveaxis(table, axis, 0)
         out, new = rows.reshape(len(rows), -1).copy(), np.moveaxis(update, axis, 0).reshape(-1)
         for k, old in enumerate(out):
-            here = min(max(int(first), 0), len(rows) - 1) == k if _is_known(first) else first == k
+            here = min(max(int(first), 0), len(rows) - 1) == k if is_known(first) else first == k
             out[k] = values(old.shape, [self._select(here, one, other) for one, other in zip(new, old, strict=True)])
         return [np.moveaxis(out.reshape(rows.shape), 0, axis)]
 
@@ -367,14 +285,14 @@ class _Evaluation:
 
     def _cond(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         index, branches, outs = given[0].item(), equation.params["branches"], equation.outvars
-        if _is_known(index):
+        if is_known(index):
             return self.run(branches[min(max(int(index), 0), len(branches) - 1)], given[1:])
         works = [lambda branch=branch: self._leaves(self.run(branch, given[1:]), outs) for branch in branches]
         return self._joined(jax.lax.switch(index, works), outs)
 
     def _number(self, number: Any, dtype: Any) -> jax.Array:  # noqa: ANN401
         """Return a number that all lanes have as a traced one: a loop takes no number that is known."""
-        if not _is_known(number):
+        if not is_known(number):
             return cast(jax.Array, number)
         if dtype == np.bool_:
             return self.zero == 0 if number else self.zero != 0
@@ -398,11 +316,6 @@ class _Evaluation:
             out.append(values(shape, leaves[start : start + math.prod(shape)]))
             start += math.prod(shape)
         return out
-
-
-def _known_values(table: npt.ArrayLike) -> Values:
-    table = np.asarray(table)
-    return values(table.shape, list(np.ravel(table)))
 
 
 def _over_lanes(name: str, number: Any) -> Any:  # noqa: ANN401

@@ -1,8 +1,8 @@
 """Parts of a program that an NVIDIA GPU runs as one kernel.
 
 XLA makes a kernel of each fused operation, and a physics step has some hundred of them, with loops whose every turn the
-host has to start. A thread that keeps its world in registers through all steps is 20 to 90 times as fast (see "GPU" in
-docs/decisions/engine.md).
+host has to start. A thread that keeps its world in registers through all steps is many times as fast (see "On an NVIDIA
+GPU" in docs/decisions/engine.md).
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.execution.row_by_row import LANES, evaluate, has_lanes, rows_of, spread, values
+from iphyre_jax.execution.gpu.row_by_row import evaluate
+from iphyre_jax.execution.gpu.rows import LANES, has_lanes, rows_of, spread, values
 
 Tree = TypeVar("Tree")
 

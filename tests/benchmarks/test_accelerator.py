@@ -1,0 +1,58 @@
+"""What is measured on a GPU, tried on a CPU."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import iphyre_jax
+from benchmarks import accelerator
+from benchmarks.accelerator import Options
+
+pytestmark = pytest.mark.usefixtures("few_optimisations")
+
+
+def test_a_cpu_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert accelerator.main([]) == 2
+    assert capsys.readouterr().err == "expected a GPU: JAX's first device is a CPU\n"
+    assert accelerator.main(["--plans", "0"]) == 2
+
+
+@pytest.mark.slow
+def test_steps_and_decisions_are_told_row_by_row(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accelerator, "on_cpu", lambda: False)
+    few = ["--parts", "steps", "decisions", "--games", "hole", "--lanes", "32", "--splits", "hole", "--worlds", "4"]
+    assert accelerator.main(few) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| hole")]
+    cells = [row.strip("| ").split(" | ") for row in rows]
+    assert [row[1] for row in cells] == ["32", "32", "4"]
+    assert all(float(number) >= 0 for row in cells for number in row[-2:])
+
+
+def test_agreement_is_counted_play_by_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each game two plays: on the GPU all outcomes of the second game differ, and one ball of the last by 1/4 px."""
+    games = len(iphyre_jax.GAMES)
+
+    def played(platform: str, dtype: str, options: Options) -> tuple[Any, Any]:
+        outcomes = np.zeros((games * options.plans, 4), int)
+        poses = np.full((games * options.plans, 12, 3), 100.0)
+        poses[:, 11] = np.nan
+        if platform != "cpu":
+            outcomes[1::games, 2] = 1
+            poses[-1, 0, 1] += 0.25
+        return outcomes, poses
+
+    monkeypatch.setattr(accelerator, "played", played)
+    rows = list(accelerator.agreement(Options(plans=2)))[1:4]
+    assert rows[0] == ("float64", "all forty", "78 of 80", "79 of 80", "0.0e+00", "2.5e-01")
+    assert [row[1] for row in rows[1:]] == ["balls alone move", "bars move"]
+    assert sum(int(row[3].split()[2]) for row in rows[1:]) == 2 * games
+
+
+def test_steps_are_counted() -> None:
+    play, given = accelerator.batch_of(iphyre_jax.load_scene("hole"), 32, 10, "operations")
+    assert 32 < accelerator.steps_made(play(*given)) <= 32 * 150
