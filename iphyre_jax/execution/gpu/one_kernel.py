@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import lru_cache
 from typing import Any, Final, TypeVar
 
 import jax
@@ -47,7 +47,7 @@ def _kernels_run() -> bool:
     return jax.default_backend() == "gpu" and jax.devices()[0].device_kind.startswith("NVIDIA")
 
 
-@cache  # once for each reason
+@lru_cache(16)  # once for each reason
 def _warn(reason: str) -> None:
     text = f"this version of JAX makes no kernel of the physics ({reason}); steps take 20 times as long"
     warnings.warn(text, RuntimeWarning, stacklevel=4)
