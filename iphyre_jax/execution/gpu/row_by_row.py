@@ -3,8 +3,8 @@
 A thread of a GPU keeps its numbers in registers, and registers have no index. So a kernel cannot work on tables,
 (rows, *lanes). Here a function is traced as it stands, and its operations are done again on the numbers alone: an array
 of a table's shape becomes a NumPy array of objects, one a row, each of them (block,) over lanes, or () if all lanes
-have it. What only moves rows about, such as a slice, costs nothing. To read a row whose number is traced takes branches,
-or a select a row.
+have it. What only moves rows about, such as a slice, costs nothing. A row whose number is traced takes branches, or a
+select a row.
 
 It knows the operations that the physics is made of, no more.
 """
