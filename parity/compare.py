@@ -114,6 +114,11 @@ def binned(errors: Floats, fps: float, samples: int) -> NDArray[np.float32]:
     return largest(whole.reshape(-1, width), 1).astype(np.float32)
 
 
+def _same_bits(one: Floats, other: Floats) -> bool:
+    """Return whether all numbers have the same bits; 0.0 and -0.0, which are equal, have not."""
+    return one.tobytes() == other.tobytes()
+
+
 def compare_plans(
     references: Sequence[Trajectory], ours: Simulation, moving: Bools, fps: float, every: int = 1
 ) -> PlanComparison:
@@ -144,7 +149,7 @@ def compare_plans(
     reference_steps = np.array([reference.steps for reference in references], dtype=np.int64)
     presence = [np.array_equal(np.isnan(one.samples[..., 0]), np.isnan(samples[..., 0])) for one, samples in pairs]
     same_steps = np.asarray(ours.steps) == reference_steps
-    same_poses = [np.array_equal(one.samples[:, moving], samples[:, moving]) for one, samples in pairs]
+    same_poses = [_same_bits(one.samples[:, moving], samples[:, moving]) for one, samples in pairs]
     return PlanComparison(
         error=np.where(sound, [_overall(distance) for distance, _ in errors], np.inf),
         angle_error=np.where(sound, [_overall(angle) for _, angle in errors], np.inf),

@@ -93,6 +93,11 @@ def test_an_error_over_time_keeps_the_worst_of_every_tenth_of_a_second() -> None
 def test_equal_bits_are_counted_in_and_out_of_play(references: list[Trajectory], same: Simulation) -> None:
     assert compared(references, same).identical.all()
     assert not compared(references, moved(same, 3, -1, 1e-13)).identical[3]
+    samples = poses(same).copy()
+    samples[3, 0, SCENE.n_blocks, 2] = -0.0  # the ball's angle at the start
+    other_zero = compared(references, replace(same, samples=samples))
+    assert not other_zero.identical[3]
+    assert not other_zero.error.any()
 
 
 def test_a_fault_counts_against_every_share(references: list[Trajectory], same: Simulation) -> None:
