@@ -1,6 +1,8 @@
 """The class Scene, which validates its fields."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
 from typing import Final, cast
 
 import numpy as np
@@ -56,7 +58,7 @@ class Scene:
         given = {key: getattr(self, label) for key, label in _LABELS.items()}
         flags = {key: _as_flags(given[key]) for key in ("eli", "dynamic")}
         raw = check_scene({"name": self.name} | given | flags, f"Scene {show(self.name)}", _LABELS, self.limits)
-        fields = {
+        converted = {
             "blocks": _frozen(raw.blocks, np.float64, (-1, 2, 2)),
             "balls": _frozen(raw.balls, np.float64, (-1, 3)),
             "eliminable": _frozen(raw.eliminable, np.bool_, (-1,)),
@@ -64,7 +66,7 @@ class Scene:
             "joints": tuple(raw.joints),
             "springs": tuple(raw.springs),
         }
-        for name, value in fields.items():
+        for name, value in converted.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -90,6 +92,10 @@ class Scene:
     def _identity(self) -> tuple[object, ...]:
         arrays = (self.blocks, self.balls, self.eliminable, self.dynamic)
         return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs, self.limits)
+
+    def __reduce__(self) -> tuple[type[Scene], tuple[object, ...]]:
+        """Pickle the fields, so that a scene from another process is checked and read-only too."""
+        return Scene, tuple(getattr(self, field.name) for field in fields(self))
 
     def __eq__(self, other: object) -> bool:
         return self._identity() == other._identity() if isinstance(other, Scene) else NotImplemented

@@ -1,8 +1,10 @@
 """The games of the package, and reading and writing of scene files."""
 
+import copy
 import dataclasses
 import hashlib
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,13 @@ def test_scene_cannot_be_changed() -> None:
         scene.blocks[0, 0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         scene.name = "other"  # type: ignore[misc]
+
+
+def test_a_scene_from_another_process_cannot_be_changed_either() -> None:
+    scene = load_scene("pendulum")
+    for other in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):  # noqa: S301 - our own bytes
+        assert other == scene
+        assert not any(array.flags.writeable for array in (other.blocks, other.balls, other.eliminable, other.dynamic))
 
 
 def test_scene_keeps_no_hold_on_the_callers_arrays() -> None:
