@@ -30,7 +30,7 @@ SOURCES: Final = (
     "execution/programs.py",
     "execution/layout.py",
     "execution/one_function.py",
-    "execution/gpu",
+    "execution/gpu/one_kernel.py",
 )
 SPARE: Final = -2  # in a plan: the lane is spare, done before it starts
 

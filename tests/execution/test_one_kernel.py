@@ -151,5 +151,75 @@ def test_on_a_cpu_nothing_changes() -> None:
 def test_what_a_kernel_cannot_do_is_done_without_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
     with pytest.warns(RuntimeWarning, match=r"^this version of JAX makes no kernel of the physics \(.* operation sort"):
-        found = in_one_kernel(lambda _, rows: jnp.sort(rows, axis=0), None, jnp.array([[2.0, 1], [1, 3]]))
+        found = jax.jit(partial(in_one_kernel, lambda _, rows: jnp.sort(rows, axis=0), None))(
+            jnp.array([[2.0, 1], [1, 3]])
+        )
     np.testing.assert_array_equal(found, [[1, 1], [2, 3]])
+
+
+def test_derivatives_are_those_of_the_plain_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+
+    def work(shared: jax.Array, lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
+        table, count = lanes
+        return jax.lax.fori_loop(0, 3, lambda _, rows: rows * table * shared, table) + count[None]
+
+    table, count = jnp.arange(1.0, 9.0).reshape(2, 4), jnp.arange(4)
+    found = jax.jvp(lambda rows: in_one_kernel(work, jnp.float32(2), (rows, count)), (table,), (jnp.ones_like(table),))
+    np.testing.assert_allclose(found[0], 8 * table**4 + count[None])
+    np.testing.assert_allclose(found[1], 32 * table**3)
+
+
+def test_programs_for_a_cpu_stay_plain_beside_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    doubled = jax.jit(lambda rows: in_one_kernel(lambda factor, rows: rows * factor, 2, rows))
+    np.testing.assert_array_equal(doubled(jnp.arange(3.0)), [0, 2, 4])
+    for platform, kernels in (("cpu", 0), ("cuda", 1)):
+        text = doubled.trace(jnp.arange(3.0)).lower(lowering_platforms=(platform,)).as_text()
+        assert text.count("custom_call") == kernels
+
+
+def test_a_mesh_of_gpus_has_a_kernel_each(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    program, given = program_of(Score, "hole", "float32")
+    mesh = jax.make_mesh((1,), ("worlds",), axis_types=(jax.sharding.AxisType.Auto,))
+    spread, whole = jax.sharding.PartitionSpec(None, "worlds"), jax.sharding.PartitionSpec()
+    run = jax.shard_map(
+        program.run, mesh=mesh, in_specs=(spread, spread, whole, whole), out_specs=(spread,), check_vma=False
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        text = jax.jit(run).trace(*given).lower(lowering_platforms=("cuda",)).as_text()
+    assert text.count("custom_call @__gpu") == 1
+
+
+WRONG: dict[str, Any] = {
+    "a slice of lanes": lambda _, rows: rows[:, :1] + rows,
+    "a shift of lanes": lambda _, rows: jnp.pad(rows, ((0, 0), (1, 0)))[:, :-1],
+    "a lane by its number": lambda _, rows: jax.lax.dynamic_slice(rows, (0, 3), (2, 1)) + rows,
+    "a sum over lanes": lambda _, rows: rows + rows.sum(axis=1, keepdims=True),
+    "a scan over rows": lambda _, rows: jax.lax.scan(lambda total, row: (total + row, total), rows[0], rows)[1],
+    "no rows": lambda _, rows: rows[:0].sum(axis=0, keepdims=True) + rows,
+}
+
+
+@pytest.mark.parametrize("work", WRONG.values(), ids=list(WRONG))
+def test_what_is_not_known_is_refused(work: Any) -> None:
+    with pytest.raises(NotImplementedError, match=r" in a kernel"):
+        jax.eval_shape(partial(kernel, work, interpret=True), None, jnp.ones((2, LANES)))
+
+
+def test_edges_of_operations() -> None:
+    """Rows written beyond the ends go to the ends, flags have a maximum, and a zero keeps its sign."""
+
+    def work(row: jax.Array, lanes: jax.Array) -> tuple[jax.Array, ...]:
+        one = jnp.ones((1, lanes.shape[-1]))
+        low, high = (jax.lax.dynamic_update_slice(lanes, one, (row + far, 0)) for far in (-9, 9))
+        some, every = (fold(lanes > 0, axis=1)[:, None] & (lanes == lanes) for fold in (jnp.max, jnp.min))
+        zero = jax.lax.fori_loop(0, 1, lambda _, x: x, jnp.float32(-0.0))
+        return low, high, some, every, 1 / zero + lanes
+
+    lanes = jnp.stack([jnp.arange(-3.0, 3.0), jnp.zeros(6), jnp.ones(6)])
+    found = jax.jit(partial(kernel, work, interpret=True))(jnp.int32(1), lanes)
+    for one, other in zip(found, work(jnp.int32(1), lanes), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, TypeVar
 
 import jax
@@ -30,27 +30,42 @@ def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree: 
 
     Args:
         work: returns a tree of arrays with lanes. Lane k of them depends on `shared` and on lane k of `tables` alone.
-            It is neither batched nor differentiated, and takes nothing traced from around it.
+            It takes nothing traced from around it. Its derivatives are those of the plain form.
         shared: a tree of arrays without lanes.
         tables: a tree of arrays, (..., lanes).
     """
     if not _kernels_run():
         return work(shared, tables)
     try:
-        return kernel(work, shared, tables)
-    except (NotImplementedError, ImportError, AttributeError, KeyError) as error:
+        return _with_derivatives(work)(shared, tables)
+    except (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError) as error:
+        plain = work(shared, tables)  # if the work itself is wrong, it says so
         _warn(f"{type(error).__name__}: {error}")
-        return work(shared, tables)
+        return plain
 
 
 def _kernels_run() -> bool:
     return jax.default_backend() == "gpu" and jax.devices()[0].device_kind.startswith("NVIDIA")
 
 
+def _with_derivatives(work: Callable[..., Tree]) -> Callable[..., Tree]:
+    """Return a kernel whose derivatives are those of its work, and which is plain in a program for a CPU."""
+    run: Callable[..., Tree] = jax.custom_jvp(
+        lambda *given: jax.lax.platform_dependent(*given, cuda=partial(kernel, work), default=work)
+    )
+
+    def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Tree, Tree]:
+        both: tuple[Tree, Tree] = jax.jvp(work, primals, tangents)
+        return both
+
+    run.defjvp(derivative)  # type: ignore[attr-defined]
+    return run
+
+
 @lru_cache(16)  # once for each reason
 def _warn(reason: str) -> None:
-    text = f"this version of JAX makes no kernel of the physics ({reason}); steps take 20 times as long"
-    warnings.warn(text, RuntimeWarning, stacklevel=4)
+    text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bool = False) -> Tree:  # noqa: ANN401
@@ -62,15 +77,16 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
     from jax.experimental import pallas as pl  # takes a second to import
     from jax.experimental.pallas import triton
 
+    shared, tables = jax.tree.map(jnp.asarray, (shared, tables))
     of_shared, of_tables = jax.tree.leaves(shared), jax.tree.leaves(tables)
     lanes = of_tables[0].shape[-1]
-    traced = jax.make_jaxpr(work, return_shape=True)(
+    jaxpr, structure = jax.make_jaxpr(work, return_shape=True)(
         jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), shared),
         jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], LANES), leaf.dtype), tables),
     )
-    (jaxpr, structure), outs = traced, traced[0].out_avals
+    outs = jaxpr.out_avals
     if not all(has_lanes(out.shape) for out in outs):
-        raise NotImplementedError("a result without lanes, in a kernel")
+        raise NotImplementedError("a result without lanes in a kernel")
 
     packed, counts = _pack(of_tables, lanes)
     scalars = [jnp.ravel(leaf) for leaf in of_shared]
@@ -89,7 +105,8 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
         done = evaluate(jaxpr, given, BLOCK, pl.program_id(0) >> 30)
         left: dict[str, list[jax.Array]] = {word: [] for word in out_rows}
         for out, table in zip(outs, done, strict=True):
-            left[_word(out.dtype)] += [_to_word(spread(number, out.dtype, BLOCK)) for number in np.ravel(table)]
+            if table.size:
+                left[_word(out.dtype)] += [_to_word(spread(number, out.dtype, BLOCK)) for number in np.ravel(table)]
         for ref, rows in zip(results, left.values(), strict=True):
             _write_rows(ref, rows)
 

@@ -31,7 +31,7 @@ _OF_NUMBERS: Final = frozenset(
     (
         *("abs", "add", "and", "bitcast_convert_type", "clz", "convert_element_type", "cos", "div", "eq", "ge", "gt"),
         *("is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "population_count", "select_n"),
-        *("shift_left", "shift_right_arithmetic", "shift_right_logical", "sin", "sqrt", "sub", "xor"),
+        *("shift_left", "shift_right_arithmetic", "sin", "sqrt", "sub", "xor"),
     )
 )
 # What NumPy computes if all numbers are known, with the same roundings.
@@ -73,10 +73,26 @@ def evaluate(traced: ClosedJaxpr, arguments: Sequence[Values], block: int, zero:
 
 
 class _Evaluation:
-    """The evaluation of one function; a method `_name` is the operation `name` of JAX on arrays."""
+    """The evaluation of one function."""
 
     def __init__(self, block: int, zero: jax.Array) -> None:
         self.block, self.zero = block, zero
+        # By the name of JAX's operation, on arrays.
+        self.operations: dict[str, Operation] = {
+            **MOVES,
+            "cond": self._cond,
+            "cumsum": self._cumsum,
+            "dynamic_slice": self._dynamic_slice,
+            "dynamic_update_slice": self._dynamic_update_slice,
+            "jit": self._jit,
+            "reduce_and": partial(self._reduce, jax.lax.and_p),
+            "reduce_max": partial(self._reduce, jax.lax.max_p),
+            "reduce_min": partial(self._reduce, jax.lax.min_p),
+            "reduce_or": partial(self._reduce, jax.lax.or_p),
+            "reduce_sum": partial(self._reduce, jax.lax.add_p),
+            "scan": self._scan,
+            "while": self._while,
+        }
 
     def run(self, traced: ClosedJaxpr, arguments: Sequence[Values]) -> list[Values]:
         """Return the results of a function."""
@@ -90,16 +106,25 @@ class _Evaluation:
         known.update(zip(jaxpr.constvars, map(known_values, traced.consts), strict=True))
         known.update(zip(jaxpr.invars, arguments, strict=True))
         for equation in jaxpr.eqns:
-            name = equation.primitive.name
-            if name in _OF_NUMBERS:
-                work: Operation | None = partial(self._number_by_number, equation.primitive)
-            else:
-                work = MOVES.get(name) or getattr(self, f"_{name}", None)
-            if work is None:
-                raise NotImplementedError(f"operation {name} in a kernel")
-            results = work(list(map(read, equation.invars)), equation)
-            known.update(zip(equation.outvars, results, strict=True))
+            known.update(zip(equation.outvars, self._operate(list(map(read, equation.invars)), equation), strict=True))
         return list(map(read, jaxpr.outvars))
+
+    def _operate(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
+        """Return the results of an operation, whatever it is."""
+        primitive = equation.primitive
+        work = self.operations.get(primitive.name)
+        if primitive.name in _OF_NUMBERS:
+            work = partial(self._number_by_number, primitive)
+        if work is None:
+            raise NotImplementedError(f"operation {primitive.name} in a kernel")
+        try:
+            results: list[Values] = work(given, equation)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+            raise NotImplementedError(f"operation {primitive.name} of this form in a kernel ({error})") from error
+        shapes = [var.aval.shape for var in equation.outvars]
+        if [one.shape for one in results] != list(map(rows_of, shapes)):
+            raise NotImplementedError(f"operation {primitive.name} with results of shapes {shapes} in a kernel")
+        return results
 
     # Numbers
 
@@ -118,17 +143,17 @@ class _Evaluation:
     def _compute(self, primitive: Any, params: Mapping[str, Any], given: Sequence[Any]) -> Any:  # noqa: ANN401
         """Return the result of an operation on numbers."""
         name = primitive.name
+        if name == "select_n" and len(given) == 3:
+            if isinstance(given[0], bool | np.generic):
+                return given[1 + int(given[0])]
+            if given[1] is given[2]:
+                return given[1]
         if all(map(is_known, given)):
             if name in _OF_KNOWN:
                 return _OF_KNOWN[name](*given)
             if name == "convert_element_type":
                 return given[0].astype(params["new_dtype"])
             given = [self._number(one, one.dtype) for one in given]
-        if name == "select_n" and len(given) == 3:
-            if isinstance(given[0], bool | np.generic):
-                return given[1 + int(given[0])]
-            if given[1] is given[2]:
-                return given[1]
         if name in ("and", "or") and any(isinstance(one, np.bool_) for one in given):
             decided = given[0] if isinstance(given[0], np.bool_) else given[1]
             other = given[1] if decided is given[0] else given[0]
@@ -141,15 +166,8 @@ class _Evaluation:
     def _select(self, condition: Any, yes: Any, no: Any) -> Any:  # noqa: ANN401
         return self._compute(jax.lax.select_n_p, {}, (condition, no, yes))
 
-    # Calls
-
     def _jit(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         return self.run(equation.params["jaxpr"], given)
-
-    def _same(self, given: list[Values], _: Any) -> list[Values]:  # noqa: ANN401
-        return given
-
-    _optimization_barrier = _copy = _same
 
     # Rows whose number is traced
 
@@ -167,7 +185,7 @@ class _Evaluation:
             start = min(max(int(first), 0), last)
             return table[start : start + size]
         if size != 1:
-            raise NotImplementedError("several rows at once from a traced row, in a kernel")
+            raise NotImplementedError("several rows at once from a traced row in a kernel")
         rows = table.reshape(len(table), -1)
         chosen = self._choose(list(rows), first, 0)
         return values((1, *table.shape[1:]), chosen)
@@ -178,10 +196,8 @@ class _Evaluation:
             return list(rows[0])
         middle = len(rows) // 2
         if len(rows[0]) <= FEW_NUMBERS:
-            below, above = (
-                self._choose(rows[:middle], number, first),
-                self._choose(rows[middle:], number, first + middle),
-            )
+            below = self._choose(rows[:middle], number, first)
+            above = self._choose(rows[middle:], number, first + middle)
             here = number >= first + middle
             return [self._select(here, yes, no) for yes, no in zip(above, below, strict=True)]
         # A branch costs less than to select each of many numbers. What is the same in all rows stays out of it.
@@ -206,12 +222,14 @@ class _Evaluation:
         if not axes:
             return [update]
         if len(axes) > 1 or update.shape[axes[0]] != 1:
-            raise NotImplementedError("several rows at once into a traced row, in a kernel")
+            raise NotImplementedError("several rows at once into a traced row in a kernel")
         axis, first = axes[0], starts[axes[0]].item()
         rows = np.moveaxis(table, axis, 0)
         out, new = rows.reshape(len(rows), -1).copy(), np.moveaxis(update, axis, 0).reshape(-1)
+        last = len(rows) - 1
+        at = np.clip(first, 0, last) if is_known(first) else jnp.clip(first, 0, last)
         for k, old in enumerate(out):
-            here = min(max(int(first), 0), len(rows) - 1) == k if is_known(first) else first == k
+            here = at == k
             out[k] = values(old.shape, [self._select(here, one, other) for one, other in zip(new, old, strict=True)])
         return [np.moveaxis(out.reshape(rows.shape), 0, axis)]
 
@@ -229,25 +247,10 @@ class _Evaluation:
             out = [_over_lanes(primitive.name, number) for number in out]
         return [values(rows.shape[:-1], out)]
 
-    def _reduce_sum(self, *given: Any) -> list[Values]:  # noqa: ANN401
-        return self._reduce(jax.lax.add_p, *given)
-
-    def _reduce_max(self, *given: Any) -> list[Values]:  # noqa: ANN401
-        return self._reduce(jax.lax.max_p, *given)
-
-    def _reduce_min(self, *given: Any) -> list[Values]:  # noqa: ANN401
-        return self._reduce(jax.lax.min_p, *given)
-
-    def _reduce_and(self, *given: Any) -> list[Values]:  # noqa: ANN401
-        return self._reduce(jax.lax.and_p, *given)
-
-    def _reduce_or(self, *given: Any) -> list[Values]:  # noqa: ANN401
-        return self._reduce(jax.lax.or_p, *given)
-
     def _cumsum(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         axis = equation.params["axis"]
         if equation.params["reverse"]:
-            raise NotImplementedError("a sum from behind, in a kernel")
+            raise NotImplementedError("a sum from behind in a kernel")
         rows = np.moveaxis(given[0], axis, 0)
         out = rows.reshape(len(rows), -1).copy()
         for k in range(1, len(rows)):
@@ -274,9 +277,10 @@ class _Evaluation:
     def _scan(self, given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
         params, outs = equation.params, equation.outvars
         consts = len(given) - len(outs)
-        inner = [var.aval for var in params["jaxpr"].jaxpr.invars]
-        if [one.shape for one in inner[consts:]] != [var.aval.shape for var in outs]:
-            raise NotImplementedError("a scan over rows, in a kernel")
+        inner = params["jaxpr"].jaxpr
+        pairs = ((inner.invars, equation.invars), (inner.outvars, outs), (inner.invars[consts:], outs))
+        if any([one.aval.shape for one in own] != [one.aval.shape for one in around] for own, around in pairs):
+            raise NotImplementedError("a scan over rows in a kernel")
 
         def body(_: jax.Array, leaves: list[jax.Array]) -> list[jax.Array]:
             return self._leaves(self.run(params["jaxpr"], [*given[:consts], *self._joined(leaves, outs)]), outs)
@@ -296,7 +300,7 @@ class _Evaluation:
             return cast(jax.Array, number)
         if dtype == np.bool_:
             return self.zero == 0 if number else self.zero != 0
-        return self.zero.astype(dtype) + np.asarray(number, dtype)[()]
+        return jnp.subtract(np.asarray(number, dtype)[()], self.zero.astype(dtype))  # -0.0 stays
 
     def _leaves(self, tables: Sequence[Values], outs: Sequence[Any]) -> list[jax.Array]:
         """Return the numbers of arrays, one after another, as a loop or a branch takes them."""
@@ -322,9 +326,8 @@ def _over_lanes(name: str, number: Any) -> Any:  # noqa: ANN401
     """Return what an operation makes of the numbers of all lanes, ()."""
     if jnp.ndim(number) == 0 and name != "add":
         return number
-    if number.dtype == np.bool_:
-        whole = number.astype(jnp.int32)
-        return (jnp.max(whole) if name == "or" else jnp.min(whole)) != 0
-    if name not in ("max", "min"):
-        raise NotImplementedError(f"operation {name} over lanes of {number.dtype}, in a kernel")
-    return jnp.max(number) if name == "max" else jnp.min(number)
+    if name not in ("and", "or", "max", "min") or (name in ("and", "or") and number.dtype != np.bool_):
+        raise NotImplementedError(f"operation {name} over lanes of {number.dtype} in a kernel")
+    whole = number.astype(jnp.int32) if number.dtype == np.bool_ else number
+    out = jnp.max(whole) if name in ("or", "max") else jnp.min(whole)
+    return out != 0 if number.dtype == np.bool_ else out

@@ -84,7 +84,7 @@ def _pad(given: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
     table, fill = given
     for axis, (before, after, between) in enumerate(equation.params["padding_config"][: table.ndim]):
         if min(before, after) < 0 or between:
-            raise NotImplementedError("a padding that is negative or between rows, in a kernel")
+            raise NotImplementedError("a padding that is negative or between rows in a kernel")
         parts = [
             np.broadcast_to(fill, (*table.shape[:axis], size, *table.shape[axis + 1 :])) for size in (before, after)
         ]
@@ -111,14 +111,21 @@ def _iota(_: list[Values], equation: Any) -> list[Values]:  # noqa: ANN401
     return [known_values(np.broadcast_to(np.expand_dims(numbers, [k for k in range(len(shape)) if k != axis]), shape))]
 
 
-# By the name of JAX's operation: takes arrays and the equation, and returns arrays.
+def _same(given: list[Values], _: Any) -> list[Values]:  # noqa: ANN401
+    return given
+
+
+# By the name of JAX's operation: takes arrays and the equation, and returns arrays. If lanes would move too, the
+# results have other shapes than JAX's.
 MOVES: Final[Mapping[str, Callable[[list[Values], Any], list[Values]]]] = {
     "broadcast_in_dim": _broadcast_in_dim,
     "concatenate": _concatenate,
     "expand_dims": _reshape,
     "iota": _iota,
+    "optimization_barrier": _same,
     "pad": _pad,
     "reshape": _reshape,
+    "reshard": _same,  # in a program for a mesh
     "slice": _slice,
     "squeeze": _reshape,
     "stack": _stack,
