@@ -161,7 +161,7 @@ def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> Non
 def test_a_traced_state_has_derivatives(game: str, kernels: bool, rtol: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an observation by the state before the decision, in every form, beside differences; with kernels or not.
 
-    The games have other topologies: JAX would not trace a program again. An observation near 1 is rounded to 6e-8, which
+    """Of an observation by the state before the decision, in every form, beside differences; kernels or not.
     a difference over 2e-3 makes 3e-5.
     """
     made, kernel = [], one_kernel.kernel
