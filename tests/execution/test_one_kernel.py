@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -142,6 +143,23 @@ def test_a_decision_in_the_users_program_is_one_kernel(gpu: None, monkeypatch: p
     keys, actions = jax.random.split(jax.random.key(1), 5), jnp.zeros(5, jnp.int32)
     text = step.trace(keys, state, actions, params).lower(lowering_platforms=("cuda",)).as_text()
     assert text.count("stablehlo.custom_call @__gpu") == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "capability", "runs"),
+    [
+        ("NVIDIA H100 80GB HBM3", "9.0", True),
+        ("NVIDIA A100", "8.0", True),
+        ("NVIDIA GeForce RTX 2080", "7.5", False),
+        ("MI300X", "", False),
+    ],
+)
+def test_gpus_without_triton_stay_plain(
+    kind: str, capability: str, runs: bool, gpu: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = {"compute_capability": capability} if capability else {}
+    monkeypatch.setattr(jax, "devices", lambda: [SimpleNamespace(device_kind=kind, **known)])
+    assert one_kernel._kernels_run() == runs
 
 
 def test_on_a_cpu_nothing_changes() -> None:

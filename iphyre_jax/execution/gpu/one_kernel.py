@@ -22,6 +22,7 @@ from iphyre_jax.execution.gpu.rows import LANES, has_lanes, rows_of, spread, val
 
 Tree = TypeVar("Tree")
 
+OLDEST: Final = "8.0"  # compute capability for which XLA has Triton
 BLOCK: Final = 32  # lanes of a block, the threads of one warp: "any lane" means one of these
 
 
@@ -45,7 +46,12 @@ def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree: 
 
 
 def _kernels_run() -> bool:
-    return jax.default_backend() == "gpu" and jax.devices()[0].device_kind.startswith("NVIDIA")
+    """Return whether JAX's default device is a GPU for which XLA has Triton."""
+    if jax.default_backend() != "gpu":
+        return False
+    device = jax.devices()[0]
+    generation = int(getattr(device, "compute_capability", OLDEST).partition(".")[0])
+    return device.device_kind.startswith("NVIDIA") and generation >= int(OLDEST.partition(".")[0])
 
 
 def _with_derivatives(work: Callable[..., Tree]) -> Callable[..., Tree]:
