@@ -17,7 +17,7 @@ from functools import partial
 from inspect import getdoc
 from pathlib import Path
 from statistics import median
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +45,6 @@ DTYPES = ("float64", "float32")
 FORMS = {"kernel": "one kernel", "operations": "a kernel for each fused operation"}
 
 Part = Literal["steps", "decisions", "agreement"]
-PARTS: tuple[Part, ...] = ("steps", "decisions", "agreement")
 Row = tuple[str, ...]
 
 
@@ -63,7 +62,7 @@ class Options:
         fps: physics steps a second; a decision lasts 0.1 s.
     """
 
-    parts: tuple[Part, ...] = PARTS
+    parts: tuple[Part, ...] = get_args(Part)
     games: tuple[str, ...] = ("hole", "fill", "multi_ball_lever")
     lanes: tuple[int, ...] = (1024, 16384, 131072)
     splits: tuple[str, ...] = ("hole", "basic", "all")
@@ -105,12 +104,12 @@ def steps(options: Options) -> Iterator[Row]:
 
 
 def steps_made(counts: jax.Array) -> int:
-    """Return the steps of counts, see `Score.run`."""
+    """Return the steps of counts, see `Score.in_lanes`."""
     return int(np.asarray(counts)[1].sum())
 
 
 def batch_of(scene: Scene, lanes: int, fps: int, form: str) -> tuple[Callable[..., jax.Array], list[jax.Array]]:
-    """Return a function that plays random plans and returns their counts, see `Score.run`, and its arguments."""
+    """Return a function that plays random plans and returns their counts, see `Score.in_lanes`, and its arguments."""
     topology, world = cached_world(scene, 1, "float32")
     workload = make_workload([scene], lanes, fps, seed=0)
     program = Score(replace(topology, slots=contact_slots(topology)[0]), "float32", lanes, workload.plans.shape[1])

@@ -6,6 +6,7 @@ entry of the cache. `run` is the function to compile, `arguments` are the shapes
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import ClassVar, Final, Protocol
@@ -87,7 +88,7 @@ def episode_layout(topology: Topology, dtype: str) -> Layout:
 
 
 @dataclass(frozen=True)
-class _PlanProgram:
+class _PlanProgram(ABC):
     """A program that plays plans.
 
     Attributes:
@@ -113,6 +114,20 @@ class _PlanProgram:
             jax.ShapeDtypeStruct((TIMING_NUMBERS,), self.dtype),
         )
 
+    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
+        """Return the result of `in_lanes`; arguments: worlds, plans, timing, steps, and what else has lanes."""
+
+        def play(
+            worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array, *more: jax.Array
+        ) -> jax.Array:
+            return in_one_kernel(self.in_lanes, (numbers, steps), (worlds, plan, *more))
+
+        return (in_one_function(play, *arguments),)
+
+    @abstractmethod
+    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, ...]) -> jax.Array:
+        """Play, and return what a program returns; shared: timing and steps."""
+
 
 class Score(_PlanProgram):
     """Plays whole episodes and returns their scores."""
@@ -121,16 +136,8 @@ class Score(_PlanProgram):
         """Return the shapes of `plan_arguments`, and the number of steps, (1,)."""
         return *self.plan_arguments(), jax.ShapeDtypeStruct((1,), "int32")
 
-    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return success, steps, eliminations and fault, (4, lanes) int32."""
-
-        def score(worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array) -> jax.Array:
-            return in_one_kernel(self.in_lanes, (numbers, steps), (worlds, plan))
-
-        return (in_one_function(score, *arguments),)
-
-    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
-        """Do what `run` does; shared: numbers and steps; lanes: worlds and plans."""
+    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, ...]) -> jax.Array:
+        """Return success, steps, eliminations and fault, (4, lanes) int32; lanes: worlds and plans."""
         (numbers, steps), (worlds, plan) = shared, lanes
         world = world_layout(self.topology, self.dtype).unpack(worlds)
         start = rollouts.reset_episode(self.topology, world, plan[0] == SPARE)
@@ -150,18 +157,8 @@ class Advance(_PlanProgram):
         steps = jax.ShapeDtypeStruct((2,), "int32")
         return *self.plan_arguments(), steps, jax.ShapeDtypeStruct((layout.rows, self.lanes), layout.word)
 
-    def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
-        """Return the episodes, (words, lanes)."""
-
-        def advance(
-            worlds: jax.Array, plan: jax.Array, numbers: jax.Array, steps: jax.Array, episodes: jax.Array
-        ) -> jax.Array:
-            return in_one_kernel(self.in_lanes, (numbers, steps), (worlds, plan, episodes))
-
-        return (in_one_function(advance, *arguments),)
-
-    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
-        """Do what `run` does; shared: numbers and steps; lanes: worlds, plans and episodes."""
+    def in_lanes(self, shared: tuple[jax.Array, jax.Array], lanes: tuple[jax.Array, ...]) -> jax.Array:
+        """Return the episodes, (words, lanes); lanes: worlds, plans and episodes."""
         (numbers, steps), (worlds, plan, episodes) = shared, lanes
         layout = episode_layout(self.topology, self.dtype)
         world = world_layout(self.topology, self.dtype).unpack(worlds)

@@ -31,6 +31,12 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
 
 
+@pytest.fixture
+def kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A GPU for which XLA has Triton."""
+    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+
+
 def operations(shared: dict[str, jax.Array], lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:
     """What the physics is made of: rows by a traced number, loops until no lane goes on, branches, words of flags."""
     table, flags, count = lanes["table"], lanes["flags"], lanes["count"]
@@ -122,10 +128,7 @@ def test_worlds_in_a_kernel_end_as_on_a_cpu(
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [Score, Advance])
 @pytest.mark.parametrize(("game", "dtype"), [("hole", "float32"), ("seesaw", "float64"), ("spring_flick", "float32")])
-def test_programs_become_one_kernel(
-    kind: type[Score], game: str, dtype: str, gpu: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+def test_programs_become_one_kernel(kind: type[Score], game: str, dtype: str, gpu: None, kernels: None) -> None:
     with jax.enable_x64(dtype == "float64"), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         program, given = program_of(kind, game, dtype)
@@ -135,8 +138,7 @@ def test_programs_become_one_kernel(
 
 
 @pytest.mark.slow
-def test_a_decision_in_the_users_program_is_one_kernel(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+def test_a_decision_in_the_users_program_is_one_kernel(gpu: None, kernels: None) -> None:
     env, params = iphyre_jax.make("on-the-fly/pendulum-v1", backend="xla", observation="motion")
     state = jax.eval_shape(jax.vmap(env.reset, in_axes=(0, None)), jax.random.split(jax.random.key(0), 5), params)[1]
     step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
@@ -166,8 +168,7 @@ def test_on_a_cpu_nothing_changes() -> None:
     np.testing.assert_array_equal(in_one_kernel(lambda one, many: one + many, 1.0, np.arange(3.0)), [1, 2, 3])
 
 
-def test_what_a_kernel_cannot_do_is_done_without_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+def test_what_a_kernel_cannot_do_is_done_without_one(kernels: None) -> None:
     with pytest.warns(RuntimeWarning, match=r"^this version of JAX makes no kernel of the physics \(.* operation sort"):
         found = jax.jit(partial(in_one_kernel, lambda _, rows: jnp.sort(rows, axis=0), None))(
             jnp.array([[2.0, 1], [1, 3]])
@@ -175,9 +176,7 @@ def test_what_a_kernel_cannot_do_is_done_without_one(monkeypatch: pytest.MonkeyP
     np.testing.assert_array_equal(found, [[1, 1], [2, 3]])
 
 
-def test_derivatives_are_those_of_the_plain_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
-
+def test_derivatives_are_those_of_the_plain_form(kernels: None) -> None:
     def work(shared: jax.Array, lanes: tuple[jax.Array, jax.Array]) -> jax.Array:
         table, count = lanes
         return jax.lax.fori_loop(0, 3, lambda _, rows: rows * table * shared, table) + count[None]
@@ -188,17 +187,15 @@ def test_derivatives_are_those_of_the_plain_form(monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(found[1], 32 * table**3)
 
 
-def test_programs_for_a_cpu_stay_plain_beside_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+def test_programs_for_a_cpu_stay_plain_beside_a_gpu(kernels: None) -> None:
     doubled = jax.jit(lambda rows: in_one_kernel(lambda factor, rows: rows * factor, 2, rows))
     np.testing.assert_array_equal(doubled(jnp.arange(3.0)), [0, 2, 4])
-    for platform, kernels in (("cpu", 0), ("cuda", 1)):
+    for platform, calls in (("cpu", 0), ("cuda", 1)):
         text = doubled.trace(jnp.arange(3.0)).lower(lowering_platforms=(platform,)).as_text()
-        assert text.count("custom_call") == kernels
+        assert text.count("custom_call") == calls
 
 
-def test_a_mesh_of_gpus_has_a_kernel_each(gpu: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+def test_a_mesh_of_gpus_has_a_kernel_each(gpu: None, kernels: None) -> None:
     program, given = program_of(Score, "hole", "float32")
     mesh = jax.make_mesh((1,), ("worlds",), axis_types=(jax.sharding.AxisType.Auto,))
     spread, whole = jax.sharding.PartitionSpec(None, "worlds"), jax.sharding.PartitionSpec()

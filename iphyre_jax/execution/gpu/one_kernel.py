@@ -7,18 +7,17 @@ GPU" in docs/decisions/engine.md).
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from iphyre_jax.execution.gpu.row_by_row import evaluate
-from iphyre_jax.execution.gpu.rows import LANES, has_lanes, rows_of, spread, values
+from iphyre_jax.execution.gpu.rows import LANES, has_lanes, spread, values
+from iphyre_jax.execution.layout import Layout
 
 Tree = TypeVar("Tree")
 
@@ -41,7 +40,9 @@ def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree: 
         return _with_derivatives(work)(shared, tables)
     except (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError) as error:
         plain = work(shared, tables)  # if the work itself is wrong, it says so
-        _warn(f"{type(error).__name__}: {error}")
+        reason = f"{type(error).__name__}: {error}"
+        text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
         return plain
 
 
@@ -68,12 +69,6 @@ def _with_derivatives(work: Callable[..., Tree]) -> Callable[..., Tree]:
     return run
 
 
-@lru_cache(16)  # once for each reason
-def _warn(reason: str) -> None:
-    text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
-    warnings.warn(text, RuntimeWarning, stacklevel=2)
-
-
 def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bool = False) -> Tree:  # noqa: ANN401
     """Do what `in_one_kernel` does; interpret: without a GPU, for tests.
 
@@ -84,75 +79,68 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
     from jax.experimental.pallas import triton
 
     shared, tables = jax.tree.map(jnp.asarray, (shared, tables))
-    of_shared, of_tables = jax.tree.leaves(shared), jax.tree.leaves(tables)
-    lanes = of_tables[0].shape[-1]
-    jaxpr, structure = jax.make_jaxpr(work, return_shape=True)(
-        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), shared),
-        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], LANES), leaf.dtype), tables),
-    )
-    outs = jaxpr.out_avals
-    if not all(has_lanes(out.shape) for out in outs):
+    of_shared, lanes = jax.tree.leaves(shared), jax.tree.leaves(tables)[0].shape[-1]
+    dtype = "float64" if any(leaf.dtype.itemsize == 8 for leaf in jax.tree.leaves((shared, tables))) else "float32"
+    work = jax.jit(work)  # traced once, not for its shapes too
+    given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], LANES), leaf.dtype), tables)
+    given_shared = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), shared)
+    results = jax.eval_shape(work, given_shared, given)
+    if not all(has_lanes(out.shape) for out in jax.tree.leaves(results)):
         raise NotImplementedError("a result without lanes in a kernel")
+    layout, layout_of_results = _layout(given, dtype), _layout(results, dtype)
 
-    packed, counts = _pack(of_tables, lanes)
-    scalars = [jnp.ravel(leaf) for leaf in of_shared]
-    out_rows = _rows_of_words(outs)
+    def in_words(shared: Any, table: jax.Array) -> jax.Array:  # noqa: ANN401
+        return layout_of_results.pack(_widened(work(shared, _narrowed(layout.unpack(table), given)), dtype))
+
+    jaxpr = jax.make_jaxpr(in_words)(given_shared, jax.ShapeDtypeStruct((layout.rows, LANES), layout.word))
 
     def body(*refs: Any) -> None:  # noqa: ANN401 - references of Pallas
-        words, numbers, results = refs[: len(packed)], refs[len(packed) : -len(out_rows)], refs[-len(out_rows) :]
-        read = {word: _read_rows(ref, counts[word]) for word, ref in zip(packed, words, strict=True)}
-        given = [
+        words, *numbers, written = refs
+        arguments = [
             values(leaf.shape, [ref[k] for k in range(leaf.size)]) for leaf, ref in zip(of_shared, numbers, strict=True)
         ]
-        given += [
-            values(leaf.shape[:-1], [_from_word(next(read[_word(leaf.dtype)]), leaf.dtype) for _ in range(_rows(leaf))])
-            for leaf in of_tables
-        ]
-        done = evaluate(jaxpr, given, BLOCK, pl.program_id(0) >> 30)
-        left: dict[str, list[jax.Array]] = {word: [] for word in out_rows}
-        for out, table in zip(outs, done, strict=True):
-            if table.size:
-                left[_word(out.dtype)] += [_to_word(spread(number, out.dtype, BLOCK)) for number in np.ravel(table)]
-        for ref, rows in zip(results, left.values(), strict=True):
-            _write_rows(ref, rows)
+        rows = values((layout.rows,), _read_rows(words, layout.rows))
+        (done,) = evaluate(jaxpr, [*arguments, rows], BLOCK, pl.program_id(0) >> 30)
+        _write_rows(written, [spread(number, layout.word, BLOCK) for number in done])
 
-    blocks = -(-lanes // BLOCK)
+    blocks, room = -(-lanes // BLOCK), _room(layout_of_results.rows)
+    table = jnp.pad(layout.pack(_widened(tables, dtype)), ((0, 0), (0, -lanes % BLOCK)), mode="edge")
+    table = jnp.pad(table, ((0, _room(layout.rows) - layout.rows), (0, 0)))
     call = pl.pallas_call(
         body,
         grid=(blocks,),
         in_specs=[
-            *(pl.BlockSpec((table.shape[0], BLOCK), lambda k: (0, k)) for table in packed.values()),
-            *(pl.BlockSpec(numbers.shape, lambda _: (0,)) for numbers in scalars),
+            pl.BlockSpec((table.shape[0], BLOCK), lambda k: (0, k)),
+            *(pl.BlockSpec((leaf.size,), lambda _: (0,)) for leaf in of_shared),
         ],
-        out_specs=[pl.BlockSpec((rows, BLOCK), lambda k: (0, k)) for rows in out_rows.values()],
-        out_shape=[jax.ShapeDtypeStruct((rows, blocks * BLOCK), word) for word, rows in out_rows.items()],
+        out_specs=pl.BlockSpec((room, BLOCK), lambda k: (0, k)),
+        out_shape=jax.ShapeDtypeStruct((room, blocks * BLOCK), layout.word),
         compiler_params=None if interpret else triton.CompilerParams(num_warps=1, num_stages=1),
         interpret=interpret,
         name="physics",
     )
-    written = dict(zip(out_rows, call(*packed.values(), *scalars), strict=True))
-    return jax.tree.unflatten(jax.tree.structure(structure), _unpack(written, outs, lanes))
+    written = call(table, *map(jnp.ravel, of_shared))
+    left: Tree = _narrowed(layout_of_results.unpack(written[: layout_of_results.rows, :lanes]), results)
+    return left
 
 
-def _word(dtype: Any) -> str:  # noqa: ANN401
-    """Return the words that carry numbers of a type: the widths of a GPU's registers."""
-    return "int64" if np.dtype(dtype).itemsize == 8 else "int32"
+def _layout(tree: Any, dtype: str) -> Layout:  # noqa: ANN401
+    """Return the layout of a tree of arrays with lanes, all of whose floating-point numbers are of one type."""
+
+    def without_lanes(leaf: Any) -> jax.ShapeDtypeStruct:  # noqa: ANN401
+        return jax.ShapeDtypeStruct(leaf.shape[:-1], dtype if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf.dtype)
+
+    return Layout.of(jax.tree.map(without_lanes, tree), dtype)
 
 
-def _to_word(numbers: jax.Array) -> jax.Array:
-    if jnp.issubdtype(numbers.dtype, jnp.floating):
-        return jax.lax.bitcast_convert_type(numbers, _word(numbers.dtype))
-    return numbers.astype(_word(numbers.dtype))
+def _widened(tree: Tree, dtype: str) -> Tree:
+    """Return a tree whose floating-point numbers are all of one type, the widest; a layout knows no other."""
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if jnp.issubdtype(leaf.dtype, jnp.floating) else leaf, tree)
 
 
-def _from_word(words: jax.Array, dtype: Any) -> jax.Array:  # noqa: ANN401
-    if jnp.issubdtype(dtype, jnp.floating):
-        return jax.lax.bitcast_convert_type(words, dtype)
-    return words != 0 if dtype == jnp.bool_ else words.astype(dtype)
-
-
-def _rows(leaf: Any) -> int:  # noqa: ANN401
-    return math.prod(leaf.shape[:-1])
+def _narrowed(tree: Any, like: Any) -> Any:  # noqa: ANN401
+    """Return a tree with the types of another."""
+    return jax.tree.map(lambda leaf, kind: leaf.astype(kind.dtype), tree, like)
 
 
 def _room(rows: int) -> int:
@@ -160,48 +148,13 @@ def _room(rows: int) -> int:
     return 1 << (rows - 1).bit_length()
 
 
-def _rows_of_words(outs: Sequence[Any]) -> dict[str, int]:
-    """Return how many rows of each width the table of some traced arrays has."""
-    counts: dict[str, int] = {}
-    for out in outs:
-        counts[_word(out.dtype)] = counts.get(_word(out.dtype), 0) + math.prod(rows_of(out.shape))
-    return {word: _room(rows) for word, rows in counts.items() if rows}
-
-
-def _pack(leaves: Sequence[jax.Array], lanes: int) -> tuple[dict[str, jax.Array], dict[str, int]]:
-    """Return arrays as one table for each width of words, (rows, whole blocks), and its rows; spare lanes repeat."""
-    parts: dict[str, list[jax.Array]] = {}
-    for leaf in leaves:
-        if leaf.size:
-            parts.setdefault(_word(leaf.dtype), []).append(_to_word(jnp.asarray(leaf)).reshape(-1, lanes))
-    tables = {word: jnp.concatenate(rows) for word, rows in parts.items()}
-    counts = {word: table.shape[0] for word, table in tables.items()}
-    spare = ((0, 0), (0, -lanes % BLOCK))
-    room = {word: ((0, _room(rows) - rows), (0, 0)) for word, rows in counts.items()}
-    return {word: jnp.pad(jnp.pad(tables[word], spare, mode="edge"), room[word]) for word in tables}, counts
-
-
-def _unpack(written: dict[str, jax.Array], outs: Sequence[Any], lanes: int) -> list[jax.Array]:
-    """Return the arrays whose rows a kernel wrote."""
-    first, leaves = dict.fromkeys(written, 0), []
-    for out in outs:
-        word, rows = _word(out.dtype), math.prod(rows_of(out.shape))
-        if not rows:
-            leaves.append(jnp.zeros((*rows_of(out.shape), lanes), out.dtype))
-            continue
-        part = written[word][first[word] : first[word] + rows, :lanes]
-        first[word] += rows
-        leaves.append(_from_word(part, out.dtype).reshape(*rows_of(out.shape), lanes))
-    return leaves
-
-
-def _read_rows(ref: Any, rows: int) -> Iterator[jax.Array]:  # noqa: ANN401
+def _read_rows(ref: Any, rows: int) -> list[jax.Array]:  # noqa: ANN401
     """Return the rows of a table, (BLOCK,) each.
 
     They are read at once and then taken apart: the time to compile grows with reads times operations.
     """
     pieces = jax.lax.split(ref[...], (1,) * ref.shape[0], 0)
-    return (row.reshape(BLOCK) for row in pieces[:rows])
+    return [row.reshape(BLOCK) for row in pieces[:rows]]
 
 
 def _write_rows(ref: Any, rows: Sequence[jax.Array]) -> None:  # noqa: ANN401

@@ -144,7 +144,7 @@ class _Evaluation:
         """Return the result of an operation on numbers."""
         name = primitive.name
         if name == "select_n" and len(given) == 3:
-            if isinstance(given[0], bool | np.generic):
+            if is_known(given[0]):
                 return given[1 + int(given[0])]
             if given[1] is given[2]:
                 return given[1]
@@ -326,7 +326,7 @@ def _over_lanes(name: str, number: Any) -> Any:  # noqa: ANN401
     """Return what an operation makes of the numbers of all lanes, ()."""
     if jnp.ndim(number) == 0 and name != "add":
         return number
-    if name not in ("and", "or", "max", "min") or (name in ("and", "or") and number.dtype != np.bool_):
+    if name not in (("and", "or", "max", "min") if number.dtype == np.bool_ else ("max", "min")):
         raise NotImplementedError(f"operation {name} over lanes of {number.dtype} in a kernel")
     whole = number.astype(jnp.int32) if number.dtype == np.bool_ else number
     out = jnp.max(whole) if name in ("or", "max") else jnp.min(whole)
