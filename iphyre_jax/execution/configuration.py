@@ -106,9 +106,10 @@ def configure(
             or may write.
     """
     if devices is not None:
-        check_whole("devices", devices, 1, MOST_DEVICES)
+        devices = check_whole("devices", devices, 1, MOST_DEVICES)
     if compile_timeout is not None:
-        check_positive("compile_timeout", compile_timeout, "None or a positive number of seconds", LONGEST_COMPILATION)
+        seconds = "None or a positive number of seconds"
+        compile_timeout = check_positive("compile_timeout", compile_timeout, seconds, LONGEST_COMPILATION)
     if options is not None:
         text = "configure(options=...) does nothing any more: compiler options are never set in this process"
         warnings.warn(text, DeprecationWarning, stacklevel=2)

@@ -57,7 +57,7 @@ def score_prefixes(
         leaders, starts = rows[first], None if episodes is None else episodes[node[first]]
         segment = _Segment(worlds, scene_index[leaders], plan[leaders], timing, stop_step, partition, dtype)
         episodes, results = segment.run(starts)
-        node = inverse.reshape(-1)
+        node = inverse
         counts[:, rows] = results[node, :4].T
         active = results[node, 4] == 0
         rows, node = rows[active], node[active]

@@ -36,3 +36,11 @@ def request_lines() -> queue.SimpleQueue[bytes]:
 
     threading.Thread(target=read, daemon=True).start()
     return lines
+
+
+def next_request(lines: queue.SimpleQueue[bytes], idle: float | None) -> bytes:
+    """Return the next line; this process ends if none comes for `idle` seconds (None: it waits for ever)."""
+    try:
+        return lines.get(timeout=idle)
+    except queue.Empty:
+        os._exit(0)  # the ordinary way out aborts: the thread that reads holds the lock of the input

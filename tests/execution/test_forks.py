@@ -16,7 +16,7 @@ from iphyre_jax.compat import IPHYRE
 from iphyre_jax.envs.batching.unrolling import Batch, unroll
 from iphyre_jax.viewer.recording import record
 PLANS = [[-1, 3, -1, 9]] * 3
-key = jax.random.key
+key = lambda _: jax.numpy.zeros(2, "uint32")  # no key is made, so that the children would have to compile it
 def policy(key, obs): return jax.numpy.zeros((), jax.numpy.int32)
 def act(weights, key, obs): return jax.numpy.zeros((), jax.numpy.int32), ()
 def forked(call):
@@ -50,7 +50,9 @@ calls = {
     "params": lambda: env.params(["hole"]),
     "reset": lambda: env.reset(zero, params),
     "reset_to": lambda: env.reset_to(np.int32(0), params),
+    "single_game": lambda: env.single_game(params, 0),
     "step": lambda: env.step(zero, state, 0, params),
+    "info": lambda: env.info(state, params),
     "observe": lambda: env.observe(state, params),
     "Batch.of": lambda: Batch.of(env, params, [0]),
     "unroll": lambda: unroll(env, act, (), batch, zero, decisions=1),
@@ -84,7 +86,7 @@ def said_by(code: str) -> list[str]:
 @pytest.mark.slow
 def test_a_child_forked_after_use_is_told_to_spawn() -> None:
     *said, idle, parent = said_by(USED)
-    assert len(said) == 13
+    assert len(said) == 15
     for line in said:
         name, _, error = line.partition(": ")
         assert error.startswith("iphyre_jax: this process was forked from one that had already used it"), line

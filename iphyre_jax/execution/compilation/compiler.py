@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
+from iphyre_jax.checks import show
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.options import xla_flags
 from iphyre_jax.execution.forks import end_process, import_path
@@ -104,7 +105,12 @@ class CompilerProcess:
         if not line:
             self.end()
             raise CompilationError(f"the compiling process ended with status {self._process.wait()}")
-        if error := json.loads(line).get("error"):
+        try:
+            answer = json.loads(line)
+        except ValueError:  # such as a line that a sitecustomize of the user prints
+            self.end()
+            raise CompilationError(f"the compiling process answered {show(line.rstrip())}") from None
+        if error := answer.get("error"):
             raise CompilationError(error)
 
     @property

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import queue
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ import jax
 from iphyre_jax.execution.compilation.cache_folder import write_entry
 from iphyre_jax.execution.compilation.description import from_description, source_sum, source_sums, sum_of
 from iphyre_jax.execution.programs import Program
-from iphyre_jax.execution.requests import open_answers, request_lines, send
+from iphyre_jax.execution.requests import next_request, open_answers, request_lines, send
 
 IDLE_SECONDS: Final = 60.0
 CHANGED: Final = "the package's files have changed since this process started"
@@ -50,16 +49,13 @@ def _answer(line: bytes) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Answer requests until the input ends."""
+    """Answer requests until the input ends, or none comes for a while."""
     answers = open_answers()
     jax.jit(lambda x: x + 1)(1.0).block_until_ready()  # an unknown option ends the process here
     send(answers, b"{}\n")
     requests = request_lines()
     for number in itertools.count(1):
-        try:
-            line = requests.get(timeout=IDLE_SECONDS)
-        except queue.Empty:
-            return
+        line = next_request(requests, IDLE_SECONDS)
         if number % CLEAR_AFTER == 0:
             jax.clear_caches()
         send(answers, json.dumps(_answer(line)).encode() + b"\n")

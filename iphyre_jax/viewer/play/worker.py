@@ -14,14 +14,13 @@ from __future__ import annotations
 import io
 import json
 import os
-import queue
 import sys
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from iphyre_jax.execution.requests import open_answers, request_lines, send
+from iphyre_jax.execution.requests import next_request, open_answers, request_lines, send
 from iphyre_jax.scenes import scene_from_dict
 from iphyre_jax.viewer.recording import Recording, is_compiled, record
 
@@ -40,11 +39,7 @@ def main() -> None:
     answers, requests = open_answers(), request_lines()
     _send(answers, {})
     while True:
-        try:
-            line = requests.get(timeout=settings["idle"])
-        except queue.Empty:
-            os._exit(0)  # the ordinary way out would wait for the thread that reads
-        _send(answers, *_answer(json.loads(line)))
+        _send(answers, *_answer(json.loads(next_request(requests, settings["idle"]))))
 
 
 def _limit(memory: int, niceness: int) -> None:

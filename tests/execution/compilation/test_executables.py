@@ -194,6 +194,22 @@ def test_two_processes_share_one_folder(tmp_path: Path) -> None:
     assert cache_folder.read_entry(entry, key)
 
 
+def test_an_idle_compiler_ends_in_silence() -> None:
+    code = "import iphyre_jax.execution.compilation.worker as w; w.IDLE_SECONDS = 0.1; w.main()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=-1, stdout=-1, stderr=-1) as process:
+        assert process.wait(100) == 0  # its input is still open
+        assert (process.stdout or io.BytesIO()).read() == b"{}\n"
+        assert (process.stderr or io.BytesIO(b"none")).read() == b""
+
+
+def test_a_compiler_that_says_something_else_is_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the user's site prints: the plain way works then."""
+    (tmp_path / "sitecustomize.py").write_text("print('welcome')")
+    monkeypatch.setattr(compiler, "import_path", lambda: str(tmp_path))
+    with pytest.raises(compiler.CompilationError, match=r"^the compiling process answered 'welcome'$"):
+        compiler.CompilerProcess({})
+
+
 def test_without_a_folder_programs_are_compiled_and_not_kept(
     compiled: list[Any], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
