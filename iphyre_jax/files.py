@@ -166,6 +166,23 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArra
     return np.frombuffer(raw, dtype).reshape(shape, order="F" if columns_first else "C")
 
 
+def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png",)) -> None:
+    """Check the name of a file to write, before its contents are made; None is fine.
+
+    Args:
+        name: of the argument, for the message.
+        path: the file.
+        suffixes: endings, of which it must have one; none for any.
+
+    Raises:
+        ValueError: another ending, or a folder that does not exist; one line.
+    """
+    if path is not None and suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f"{name}: expected a file name that ends in {', '.join(suffixes)}, got {show(str(path))}")
+    if path is not None and not path.parent.is_dir():
+        raise ValueError(f"{name}: expected a file in a folder that exists, got {show(str(path))}")
+
+
 @contextmanager
 def replacing(target: Path) -> Iterator[Path]:
     """Give a name beside `target` to write to; what stands there at the end takes the target's place in one move.
@@ -177,7 +194,7 @@ def replacing(target: Path) -> Iterator[Path]:
     try:
         with naming(target, draft):
             yield draft
-            with draft.open("rb") as file:
+            with draft.open("r+b") as file:  # on Windows only what may be written is flushed
                 os.fsync(file.fileno())
             draft.replace(target)
     finally:

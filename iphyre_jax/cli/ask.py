@@ -135,6 +135,7 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
     with ExitStack() as stack:
         stack.enter_context(locked(command.out))
         file = command.record or command.out / "transcript.jsonl"
+        file.parent.mkdir(parents=True, exist_ok=True)
         answers = Live(endpoint.complete, file, model, settings, caps, lambda line: say(console, line))
         rows = runs.rows_of(settings, runs.run(settings, answers))
         content = {"schema": ROWS_SCHEMA, "version": 1, "settings": settings.to_json(), "model": model, "rows": rows}

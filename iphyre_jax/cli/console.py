@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -40,18 +40,6 @@ def refuse_unread(command: Any, read: Collection[str], why: str) -> None:  # noq
         if entry.name not in read and given != entry.default:
             shown = str(given) if isinstance(given, Path) else given
             raise ValueError(f"{entry.name}: expected none {why}, got {show(shown)}")
-
-
-def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png",)) -> None:
-    """Check an option that names a file to write, before what it shows is made; None is fine.
-
-    Raises:
-        ValueError: another ending, or a folder that does not exist; one line.
-    """
-    if path is not None and path.suffix.lower() not in suffixes:
-        raise ValueError(f"{name}: expected a file name that ends in {', '.join(suffixes)}, got {show(str(path))}")
-    if path is not None and not path.parent.is_dir():
-        raise ValueError(f"{name}: expected a file in a folder that exists, got {show(str(path))}")
 
 
 def say(console: Console, text: str) -> None:

@@ -147,6 +147,8 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
         check_path(command.out)
+    if command.official is not None and command.official.exists() and not command.official.is_dir():
+        raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.minari is not None:
         check_minari(command.minari, "minari")
     dataset = _make(command, report)

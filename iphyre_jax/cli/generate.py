@@ -10,12 +10,12 @@ from typing import Annotated, Literal
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.cli.console import check_output, option, refuse_unread, say
+from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_path
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
-from iphyre_jax.files import check_writable
+from iphyre_jax.files import check_output, check_writable
 
 PICTURES = 40  # of a sheet
 COLUMNS = 8

@@ -19,10 +19,10 @@ from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import check_output, say
+from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
-from iphyre_jax.files import check_writable
+from iphyre_jax.files import check_output, check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead

@@ -13,10 +13,10 @@ from rich.console import Console
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import check_output, option, say
+from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.cli.viewer.render import Plan
-from iphyre_jax.files import replace_text
+from iphyre_jax.files import check_output, replace_text
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.models.world import compare, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination

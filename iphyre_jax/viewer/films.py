@@ -12,7 +12,7 @@ from typing import IO, Final, cast
 import numpy as np
 
 from iphyre_jax.checks import missing_extra, one_line
-from iphyre_jax.files import replacing
+from iphyre_jax.files import check_output, replacing
 from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
 from iphyre_jax.viewer.recording import Recording
 
@@ -51,7 +51,8 @@ def save(
         OSError: the file cannot be written.
         ModuleNotFoundError: MP4 needs imageio_ffmpeg, of the extra `viewer`.
     """
-    target = _target(path, SUFFIXES)
+    target = Path(path)
+    check_output("path", target, SUFFIXES)
     fps = plays.fps if isinstance(plays, Recording) else plays[0].fps if plays else 1
     with replacing(target) as part:
         if target.suffix.lower() == ".png":
@@ -74,18 +75,10 @@ def save_picture(path: str | os.PathLike[str], frame: Frame) -> None:
         ValueError: the name has another ending, or the folder does not exist.
         OSError: the file cannot be written.
     """
-    with replacing(_target(path, SUFFIXES[:1])) as part:
-        Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(part, optimize=True)
-
-
-def _target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
-    """Return the file to write; raise a ValueError of one line if its name or folder is wrong."""
     target = Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise ValueError(f"{target}: expected a name that ends in {', '.join(suffixes)}")
-    if not target.parent.is_dir():
-        raise ValueError(f"{target}: expected a file in a folder that exists")
-    return target
+    check_output("path", target)
+    with replacing(target) as part:
+        Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(part, optimize=True)
 
 
 def _gif_step(fps: int) -> int:

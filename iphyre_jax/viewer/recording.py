@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,9 @@ from iphyre_jax.checks import check_dtype, check_integers, check_resets, show, w
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.compilation.executables import executable, load_cached
+from iphyre_jax.execution.plan_batch import contact_slots
 from iphyre_jax.memory import check_memory
+from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing, topology_of
@@ -125,19 +127,24 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         ValueError: one line that names the argument and what was expected.
     """
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
-    topology, world = cached_world(scene, check_resets(resets), check_dtype(dtype))
-    program = record_program(scene, fps=rate, dtype=dtype)
-    frame = 3 * 8 * (5 * scene.n_objects + 2 * topology.slots)  # as JAX's, as NumPy's, and cut to the length
-    check_memory("fps", program.length * frame, "record at a lower rate")
-    padded = np.full(program.columns, NEVER, np.int32)
+    dtype, resets = check_dtype(dtype), check_resets(resets)
+    topology, world = cached_world(scene, resets, dtype)
+    first = record_program(scene, fps=rate, dtype=dtype)
+    padded = np.full(first.columns, NEVER, np.int32)
     padded[: len(steps)] = steps
     words = programs.world_layout(topology, dtype).pack_many([world])
-    counts, *frames = executable(program)(words, padded, programs.pack_timing(step_timing(rate, dtype)))
-    success, made, eliminations, fault = counts.tolist()
+    for slots in contact_slots(topology)[1:]:  # `simulate` begins with fewer
+        program = replace(first, topology=replace(topology, slots=slots))
+        frame = 3 * 8 * (5 * scene.n_objects + 2 * slots)  # as JAX's, as NumPy's, and cut to the length
+        check_memory("fps", program.length * frame, "record at a lower rate")
+        counts, *frames = executable(program)(words, padded, programs.pack_timing(step_timing(rate, dtype)))
+        success, made, eliminations, fault = counts.tolist()
+        if fault != FAULT_OVERFLOW:
+            break
     reward = episode_reward(np.array([success]), np.array([eliminations]), np.array([made]), rate)
     poses, velocities, points = _object_arrays(scene, Frames(*frames), made + 1)
     result = bool(success), made, eliminations, float(reward[0]), fault
-    return Recording(scene, tuple(steps), rate, dtype, int(resets), poses, velocities, points, *result)
+    return Recording(scene, tuple(steps), rate, dtype, resets, poses, velocities, points, *result)
 
 
 def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> RecordProgram:
@@ -149,7 +156,10 @@ def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> Re
 
 
 def is_compiled(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> bool:
-    """Return whether `record` needs no compilation: the program is in memory, or now loaded from the cache folder."""
+    """Return whether `record` has its program, in memory or now loaded from the cache folder.
+
+    A play that needs more contact slots than the topology has may need another one.
+    """
     return load_cached(record_program(scene, fps=fps, dtype=dtype))
 
 

@@ -138,8 +138,8 @@ def test_a_wrong_look_gets_one_line(change: dict[str, object], message: str) -> 
 def test_wrong_films_get_one_line(solved: Recording, tmp_path: Path) -> None:
     slow = Recording.of_poses(solved.scene, solved.plan, solved.poses, fps=10)
     for path, plays, look, message in (
-        ("a.avi", solved, None, "expected a name that ends in"),
-        ("no/a.png", solved, None, "expected a file in a folder that exists"),
+        ("a.avi", solved, None, "path: expected a file name that ends in"),
+        ("no/a.png", solved, None, "path: expected a file in a folder that exists"),
         ("a.gif", [], None, "plays: expected at least one"),
         ("a.gif", [solved, slow], None, "all at one frame rate"),
         ("a.mp4", solved, Look(size=101, captions=False), "expected even numbers of px"),

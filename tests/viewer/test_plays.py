@@ -217,8 +217,13 @@ def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsy
     ("arguments", "message"),
     [
         (["render", "hol", "-o", "a.png"], "scene: expected the name of a game"),
-        (["render", "hole", "-o", "a.bmp"], "expected a name that ends in"),
-        (["render", "all", "-o", "a.mp4"], "expected a name that ends in .png"),
+        (["render", "hole", "-o", "a.bmp"], "out: expected a file name that ends in .png, .gif, .mp4, got 'a.bmp'"),
+        (["render", "all", "-o", "a.mp4"], "out: expected a file name that ends in .png, got 'a.mp4'"),
+        (["render", "best", "-o", "a.gif"], "out: expected a file name that ends in .png, got 'a.gif'"),
+        (["render", "best", "-o", "no/a.png"], "out: expected a file in a folder that exists, got 'no/a.png'"),
+        (["render", "hole", "-o", "a.gif", "--hold", "-1"], "hold: expected seconds of at least 0"),
+        (["render", "best", "-o", "a.png", "--size", "5"], "size: expected"),
+        (["replay", "best", "-o", "no/r.html"], "out: expected a file in a folder that exists, got 'no/r.html'"),
         (["render", "hole", "--plan", "soon", "-o", "a.png"], "plan: expected seconds from 0 on, or never"),
         (["render", "best", "--game", "nothing", "-o", "a.png"], "game: expected a game with plays in best"),
         (["render", "hole", "--game", "fill", "-o", "a.png"], "game: expected none for hole in a.png, got 'fill'"),
@@ -241,9 +246,18 @@ def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsy
         (["play", "--agents", "none.jsonl"], "none.jsonl: expected a file of plays"),
     ],
 )
-def test_a_mistake_gets_one_line(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_a_mistake_gets_one_line_before_anything_is_played(
+    arguments: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    def played(*_: object, **__: object) -> None:
+        raise AssertionError("a plan was played before the mistake was found")
+
+    monkeypatch.setattr("iphyre_jax.viewer.plays.record", played)
+    monkeypatch.setattr("iphyre_jax.cli.viewer.render.record", played)
     with chdir(tmp_path):
         assert run(arguments) == 2
     printed = capsys.readouterr().err

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from iphyre_jax import load_scene, simulate
+from iphyre_jax import Scene, load_scene, simulate
+from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.viewer.recording import Recording, record
 
 HOLE = load_scene("hole")
@@ -91,6 +92,22 @@ def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: s
         record(HOLE, **arguments)  # type: ignore[arg-type]
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_play_that_needs_more_contacts_has_them() -> None:
+    """A ball among six bars: twice the slots of its topology, as `simulate` gives it."""
+    turns = 2 * np.pi * np.arange(6) / 6 + 0.3
+    ends = 300 + np.array([26, 90])[None, :, None] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)[:, None]
+    crowded = Scene(
+        name="crowded",
+        blocks=ends,
+        balls=[[300, 300, 20]],
+        eliminable=[False] * 7,
+        dynamic=[False] * 6 + [True],
+    )
+    made, played = record(crowded, [], fps=10), simulate(crowded, [[]], fps=10, dtype="float64")
+    assert (made.fault, made.steps, made.reward) == (0, int(played.steps[0]), float(played.reward[0]))
+    assert made.contacts.shape[1] > topology_of(crowded).slots
 
 
 def test_both_engines_side_by_side() -> None:

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, say, warnings_in_one_line
+from iphyre_jax.files import check_output
 from iphyre_jax.scenes import Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.figures import figures_of, split_of
@@ -70,6 +71,7 @@ def replay(command: Replay, console: Console) -> None:
     """`iphyre-jax replay`."""
     if not command.sources:
         raise ValueError("sources: expected at least one file of plays, run folder, or best")
+    check_output("out", command.out, ())
     plays = (play for source in command.sources for play in each_play(source))
     chosen = [play for play in plays if not command.games or play.scene.name in command.games]
     if not chosen:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 from rich.console import Console
 
+from iphyre_jax.checks import MAX_SECONDS, check_least
 from iphyre_jax.cli.console import option, refuse_unread, say, warnings_in_one_line
+from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.viewer.figures import split_of
@@ -90,19 +92,23 @@ READ_FOR: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 @warnings_in_one_line()
 def render(command: Render, console: Console) -> None:
     """`iphyre-jax render`."""
-    from iphyre_jax.viewer.films import save, save_picture
+    from iphyre_jax.viewer.films import SUFFIXES, save, save_picture
     from iphyre_jax.viewer.sheets import contact_sheet, start_of
 
     what, frame = command.what, -1 if command.frame is None else command.frame
     starts = GAMES if what == "all" else SPLITS.get(what)
     of_plays = what == BEST or what.endswith(".jsonl") or Path(what).is_dir()
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
+    is_sheet = shown in ("sheet", "plays")
+    check_output("out", command.out, (".png",) if is_sheet else SUFFIXES)
     unread = "hold" if command.out.suffix.lower() == ".png" else "frame"
     read = [name for name in (*DRAWN, *READ_FOR[shown]) if name != unread]
     refuse_unread(command, read, f"for {what}{' with --game' if shown == 'game' else ''} in {command.out.name}")
+    look = _frame_look(command, SHEET_SIZE if is_sheet else PICTURE_SIZE)
+    check_least("hold", command.hold, 0, MAX_SECONDS, "seconds")
     if starts is not None:
         plays = [start_of(load_scene(game)) for game in starts]
-        sheet = contact_sheet(plays, columns=command.columns, frame=0, look=_frame_look(command, SHEET_SIZE))
+        sheet = contact_sheet(plays, columns=command.columns, frame=0, look=look)
         save_picture(command.out, sheet)
     elif of_plays:
         chosen = [play for play in each_play(what) if command.game in (None, play.scene.name)]
@@ -111,16 +117,16 @@ def render(command: Render, console: Console) -> None:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
             raise ValueError(f"game: expected a game with plays in {what}, got {asked}")
         if command.game is None:
-            plays, look = [play.record() for play in chosen], _frame_look(command, SHEET_SIZE)
+            plays = [play.record() for play in chosen]
             save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=frame, look=look))
         else:
             if len(chosen) > BESIDE:
                 say(console, f"{what}: the first {BESIDE} of {len(chosen)} plays of {command.game}")
             plays, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
-            save(command.out, plays, _frame_look(command, PICTURE_SIZE), titles, frame=frame, hold=command.hold)
+            save(command.out, plays, look, titles, frame=frame, hold=command.hold)
     else:
         play = _record_plan(command, load_scene(what))
-        save(command.out, play, _frame_look(command, PICTURE_SIZE), frame=frame, hold=command.hold)
+        save(command.out, play, look, frame=frame, hold=command.hold)
         state = "solved" if play.success else "not solved"
         say(console, f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}")
     say(console, f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB")
