@@ -47,10 +47,11 @@ def check_whole(name: str, value: Any, least: int = 1, most: int | None = None, 
 
 def check_positive(name: str, value: Any, what: str = "a positive number", most: float | None = None) -> float:  # noqa: ANN401
     """Return `value` as a float; ValueError in one line unless it is positive, finite and at most `most`."""
-    if not _is_number(value) or not 0 < value <= (_LARGEST if most is None else most):
+    number = _as_float(value)
+    if not 0 < number <= (_LARGEST if most is None else most):
         limit = "" if most is None else f" of at most {most:.15g}"
         raise ValueError(f"{name}: expected {what}{limit}, got {show(value)}")
-    return float(value)
+    return number
 
 
 def check_least(
@@ -61,17 +62,19 @@ def check_least(
     what: str = "a finite number",
 ) -> float:
     """Return `value` as a float; ValueError in one line unless it is finite and from `least` to `most`."""
-    if not _is_number(value) or not least <= value <= (_LARGEST if most is None else most):
+    number = _as_float(value)
+    if not least <= number <= (_LARGEST if most is None else most):
         limit = "" if most is None else f" and at most {most:.15g}"
         raise ValueError(f"{name}: expected {what} of at least {least}{limit}, got {show(value)}")
-    return float(value)
+    return number
 
 
 def check_real(name: str, value: Any) -> float:  # noqa: ANN401
     """Return `value` as a float, which may be infinite; ValueError in one line unless it is a number."""
-    if not _is_number(value) or (isinstance(value, int) and abs(value) > _LARGEST):
+    number = _as_float(value)
+    if math.isnan(number) or (isinstance(value, int) and math.isinf(number)):
         raise ValueError(f"{name}: expected a number, got {show(value)}")
-    return float(value)
+    return number
 
 
 def check_flag(name: str, value: object) -> bool:
@@ -161,9 +164,14 @@ def check_integers(
     return array.astype(np.int64)
 
 
-def _is_number(value: object) -> bool:
-    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    return real and not (isinstance(value, float | np.floating) and math.isnan(value))
+def _as_float(value: object) -> float:
+    """A number as a float, so that no comparison is made in a narrower type; NaN for anything else."""
+    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer
+        return math.inf if value > 0 else -math.inf
 
 
 def missing_extra(what: str, extra: str, package: str | None) -> ModuleNotFoundError:

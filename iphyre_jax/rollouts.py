@@ -126,10 +126,13 @@ def _check_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -> 
     """Check the shape and type of a plan, and the number of steps if it is not traced; ValueError in one line."""
     if not isinstance(plan, jax.Array | np.ndarray) or not plan.ndim or plan.dtype.kind not in "iu":
         raise ValueError(f"plan: expected integers, a step for each eliminable block, got {show(plan)}")
-    if isinstance(steps, int | np.integer):
-        check_whole("steps", steps, 0, topology.max_steps)
-    elif not isinstance(steps, jax.Array | np.ndarray) or steps.ndim or steps.dtype.kind not in "iu":
+    if isinstance(steps, jax.Array | np.ndarray) and not steps.ndim and steps.dtype.kind in "iu":
+        if isinstance(steps, jax.core.Tracer):
+            return
+        steps = int(steps)
+    if not isinstance(steps, int | np.integer):
         raise ValueError(f"steps: expected one whole number, got {show(steps)}")
+    check_whole("steps", steps, 0, topology.max_steps)
 
 
 def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:

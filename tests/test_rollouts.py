@@ -34,6 +34,13 @@ def test_number_types_are_never_mixed_or_narrowed(world: str, timing: str, x64: 
         rollout(topology, made, step_timing(60, timing), PLAN, np.int32(10))
 
 
+@pytest.mark.parametrize("steps", [10**9, np.int64(10**9), np.array(10**9), -1])
+def test_steps_that_have_a_value_are_looked_at(steps: Any) -> None:
+    topology, made = compile_scene(load_scene("support"), dtype="float32")
+    with pytest.raises(ValueError, match=r"^steps: expected a whole number of at least 0 and at most \d+, got"):
+        rollout(topology, made, step_timing(60, "float32"), PLAN, steps)
+
+
 def test_numbers_within_a_part_are_of_one_type() -> None:
     topology, made = compile_scene(load_scene("support"), dtype="float32")
     mixed = dataclasses.replace(made, start=dataclasses.replace(made.start, x=np.float64(made.start.x)))

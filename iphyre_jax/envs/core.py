@@ -82,7 +82,7 @@ class Environment:
 
     def __post_init__(self) -> None:
         """Check the attributes that a user chooses."""
-        check_dtype(self.dtype)
+        object.__setattr__(self, "dtype", check_dtype(self.dtype))
         check_option("observation", self.observation, get_args(ObservationName))
         check_option("backend", self.backend, get_args(BackendName))
         check_whole("image_size", self.image_size, 0, MAX_IMAGE, "px")
@@ -137,6 +137,7 @@ class Environment:
         Raises:
             ValueError: there is no such row; one line.
         """
+        check_fork()
         check_params(params, self.worlds)
         game = check_whole("game", game, 0, params.games - 1)
         topology, own = self.worlds.single_game(params, game)
@@ -302,6 +303,7 @@ class Environment:
         Raises:
             ValueError: these are no state and parameters; one line.
         """
+        check_fork()
         check_state(state, self.worlds)
         check_params(params, self.worlds)
         info = self._info(self.worlds.status(params, state))

@@ -18,6 +18,7 @@ from iphyre_jax.envs.arguments import check_batch, check_key, check_policy
 from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.registry import environment_of
+from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
@@ -108,6 +109,7 @@ def evaluate(
         ValueError: one line naming the argument and what was expected; also if the policy gives an action that is not
             finite.
     """
+    check_fork()
     check_whole("episodes", episodes, 1, _MOST_EPISODES)
     check_policy(policy, ("a key", "an observation"))
     key = jax.random.key(0) if key is None else key

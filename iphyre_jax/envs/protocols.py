@@ -29,10 +29,12 @@ class EpisodeProtocol:
     resets: int
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if whole_fps(self.fps) % DECISIONS_PER_SECOND:
+        """Check the numbers, and make them `int`."""
+        rate = whole_fps(self.fps)
+        if rate % DECISIONS_PER_SECOND:
             raise ValueError(f"fps: expected a multiple of {DECISIONS_PER_SECOND}, got {show(self.fps)}")
-        check_resets(self.resets)
+        object.__setattr__(self, "fps", rate)  # 60.0 becomes 60
+        object.__setattr__(self, "resets", check_resets(self.resets))
 
     @property
     def steps_per_frame(self) -> int:

@@ -137,7 +137,7 @@ def environment_of(
         ValueError: one line naming the argument and what was expected.
     """
     check_fork()
-    check_dtype(dtype)
+    dtype = check_dtype(dtype)
     check_option("observation", observation, get_args(ObservationName))
     if backend is not None and (not isinstance(backend, str) or backend not in get_args(BackendName)):
         raise ValueError(f"backend: expected one of {', '.join(get_args(BackendName))} or None, got {show(backend)}")

@@ -62,10 +62,13 @@ class Box:
     def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
         """Return a value as an array of the space's shape, with lanes behind; it may lie outside the bounds.
 
+        Integers get the space's dtype, in which 15 x action cannot wrap round; float64 stays.
+
         Raises:
             ValueError: it has another shape or is not numeric; one line.
         """
-        return jnp.asarray(_checked(value, (*self.shape, *lanes), "fiu", "numbers"))
+        array = jnp.asarray(_checked(value, (*self.shape, *lanes), "fiu", "numbers"))
+        return array if array.dtype.kind == "f" else array.astype(self.dtype)
 
     def contains(self, value: npt.ArrayLike) -> bool:
         """Return whether a value has the shape and dtype and lies between the bounds (host)."""

@@ -97,8 +97,7 @@ def compile_scene(scene: Scene, *, resets: int = 1, dtype: str = "float64") -> t
         ValueError: one line naming the argument and what was expected.
     """
     check_is_scene("scene", scene)
-    check_resets(resets)
-    check_dtype(dtype)
+    resets, dtype = check_resets(resets), check_dtype(dtype)
     topology, bodies = topology_of(scene), _Bodies(scene)
     insertion, n_objects = bodies.insertion(resets), len(bodies.moving)
     statics, movers, bars = list(insertion.static_order), bodies.movers, bodies.movers[: topology.bars]
@@ -185,8 +184,7 @@ def step_timing(fps: float, dtype: str) -> Timing:
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
-    dt = 1.0 / check_fps(fps)
-    check_dtype(dtype)
+    dt, dtype = 1.0 / check_fps(fps), check_dtype(dtype)
     decay = [1.0 - math.exp(-c.SPRING_DAMPING * dt * k) for k in (1.0, 2.0)]
     values = (dt, 1.0 - c.BIAS_BASE**dt, c.GRAVITY * dt, decay)
     return Timing(*(_array(value, dtype) for value in values))

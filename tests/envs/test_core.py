@@ -280,6 +280,13 @@ def test_another_environments_params_and_state_are_refused() -> None:
         make("on-the-fly/support-v1", backend="xla")[0].reset(key, own)
 
 
+def test_numbers_and_types_of_numpy_are_those_of_python() -> None:
+    protocol = EpisodeProtocol("own", fps=60.0, resets=np.int64(1))  # type: ignore[arg-type]
+    assert (protocol, type(protocol.fps), type(protocol.steps)) == (EpisodeProtocol("own", 60, 1), int, int)
+    env, _ = make("on-the-fly/support-v1", dtype=np.dtype("float32"))  # type: ignore[arg-type]
+    assert type(env.dtype) is str
+
+
 def test_many_states_are_refused_without_vmap() -> None:
     """Their rows would be read as the words of one."""
     env, params = environment()

@@ -114,6 +114,15 @@ def test_what_is_no_share_is_no_instant() -> None:
     np.testing.assert_array_equal(removal_frames(odd), -1)
 
 
+@pytest.mark.parametrize("dtype", ["int8", "uint8", "int16", "int32"])
+def test_a_whole_number_is_no_time_unless_it_is_a_share(dtype: str) -> None:
+    """15 x 18 is 14 in a byte."""
+    given = np.array([0, 1, 2, 9, 18, 28], dtype)
+    action = InAdvance().action_space().array(given)
+    np.testing.assert_array_equal(removal_frames(action), [0, 150, -1, -1, -1, -1])
+    assert InAdvance().action_space().array(given.astype(np.float64)).dtype in (np.float32, np.float64)
+
+
 def test_in_advance_ties_and_ends_by_hand() -> None:
     action = np.array([3.0, 3.0, 0.0, 15.0, 14.9, 0.04], np.float32) / np.float32(15)
     planned = InAdvance().plan_action(action, jnp.int32(0), FREE, ALL, OFFICIAL)
