@@ -27,6 +27,7 @@ from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.memory import forget_programs
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
+from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.settings.run import TrainConfig
@@ -102,7 +103,10 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
     if (folder / runs.EVALUATION).is_file():
-        check_settings(folder, runs.read_config(folder), config)
+        found = runs.read_config(folder)
+        check_settings(folder, found, config)
+        if _changed_files(found):
+            raise ValueError(f"{folder}: its world model or scene pool is another one now; remove it")
     else:
         state = finished_run(folder, config, console)
         as_run = runs.read_config(folder)  # with the sums of its files
@@ -111,18 +115,19 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
 
 
 def is_published(folder: Path, config: TrainConfig) -> bool:
-    """Whether a run with these settings is published in a folder; one with others, or another model, is out of date."""
+    """Whether a run with these settings is published in a folder; one with others, or other files, is out of date."""
     if not (folder / runs.EVALUATION).is_file():
         return False
     found = runs.read_config(folder)
-    return without_sums(found) == config and not _changed_model(found)
+    return without_sums(found) == config and not _changed_files(found)
 
 
-def _changed_model(config: TrainConfig) -> bool:
-    """Whether the world model of a run is there, and is another one now."""
-    if not config.world_model or not Path(config.prediction).is_dir():
-        return False
-    return with_prediction_sum(replace(config, prediction_sha256="")) != config
+def _changed_files(config: TrainConfig) -> bool:
+    """Whether the world model or the scene pool of a run is there, and is another one now."""
+    now = with_sum(without_sums(config))
+    is_there = config.world_model and Path(config.prediction).is_dir()
+    now = with_prediction_sum(now) if is_there else replace(now, prediction_sha256=config.prediction_sha256)
+    return now != config
 
 
 def export_best(arguments: Arguments, name: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
+from iphyre_jax.analyses.shipped import shipped_model
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
 from iphyre_jax.attempts.fine_tuning import BATCH, LEARNING_RATE, FineTuned
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
@@ -31,8 +32,7 @@ from iphyre_jax.models.world.planning import PLANS
 from iphyre_jax.models.world.plays import FPS as IMAGINED
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
-from iphyre_jax.train.storage.manifest import sum_of
-from iphyre_jax.train.storage.pretrained import WEIGHTS, load_pretrained, names
+from iphyre_jax.train.storage.pretrained import load_pretrained, names
 
 MOST: Final = 100  # attempts of random plans and sampled policies
 SHOWN: Final = (1, 2, 5, 10, 100)  # attempts of the columns "solved@"
@@ -67,30 +67,26 @@ def specifications(fps: int) -> dict[str, Specification]:
         **planners,
     }
     for name in world_models.names() if fps == IMAGINED else ():
-        tried = {**plain, **_shipped("world model", name, world_models.WEIGHTS), "k": 5, "runs": 2, "plans": PLANS}
+        tried = {**plain, **shipped_model("world model", name, world_models.WEIGHTS), "k": 5, "runs": 2, "plans": PLANS}
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     judges = set(classifiers.names()) - set(classifiers.rankers())  # of random plans; rankers are in carry-over
     for name in sorted(judges) if fps == CLASSIFIED else ():
-        tried = {**plain, **_shipped("classifier", name, classifiers.WEIGHTS), "k": 10, "runs": 5, "plans": CANDIDATES}
+        judge = shipped_model("classifier", name, classifiers.WEIGHTS)
+        tried = {**plain, **judge, "k": 10, "runs": 5, "plans": CANDIDATES}
         found[f"classifier {name}, best of {CANDIDATES}"] = tried, partial(_classifier, name, 10, 5, plain)
     for name in sequence_models.names() if fps == SEQUENCED else ():
-        tried = {**plain, **_shipped("sequence model", name, sequence_models.WEIGHTS), "k": 10, "runs": 5}
+        tried = {**plain, **shipped_model("sequence model", name, sequence_models.WEIGHTS), "k": 10, "runs": 5}
         found[f"{name}, greedy first"] = tried, partial(_sequence_model, name, 10, 5, plain)
-    learning = {**common, **_shipped("policy", LEARNING), "k": MOST, "runs": 5, "batch": BATCH}
+    learning = {**common, **shipped_model("policy", LEARNING), "k": MOST, "runs": 5, "batch": BATCH}
     for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
         tried = {**learning, "learning_rate": LEARNING_RATE, "pretrained": pretrained}
         found[f"{LEARNING}, {name}"] = tried, partial(_learning, LEARNING, pretrained, MOST, 5, common)
     for name in names():
-        first = {**common, **_shipped("policy", name), "k": 10, "runs": 5, "greedy_first": True}
+        first = {**common, **shipped_model("policy", name), "k": 10, "runs": 5, "greedy_first": True}
         if name.endswith("-o"):
             first["greedy"] = "median of what is left"  # rows by an earlier rule have other settings
         found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
     return found
-
-
-def _shipped(kind: str, name: str, weights: Path = WEIGHTS) -> dict[str, Any]:
-    """Settings of a row of a shipped model, with its sum: a row of an older one is out of date."""
-    return {kind: name, "sha256": sum_of(weights / f"{name}.npz"), "seed": 0}
 
 
 def _world_model(name: str, k: int, runs: int, plain: Mapping[str, Any]) -> Attempts:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.analyses.shipped import shipped_model
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.train.reports.report import markdown_table
@@ -25,7 +26,7 @@ Floats = npt.NDArray[np.float64]
 
 def settings(name: str) -> dict[str, Any]:
     """Return what decides a row."""
-    return {"policy": name, "episodes": EPISODES * RUNS, "seed": 0}
+    return {**shipped_model("policy", name), "episodes": EPISODES * RUNS}
 
 
 def measure(name: str) -> Row:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final
+from pathlib import Path
+from typing import Any
 
 from iphyre_jax.files import read_json_object
+from iphyre_jax.train.storage.manifest import sum_of
 from iphyre_jax.train.storage.pretrained import WEIGHTS, names
-
-LETTERS: Final[Mapping[str, str]] = {"in-advance": "I", "on-the-fly": "O", "combined": "C"}
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,17 @@ class Policy:
         """Return the greedy plan in steps, -1 for never."""
         plan = self.games[game]["plan"]
         return [-1 if time is None else round(float(time) * self.fps) for time in plan]
+
+
+def shipped_model(kind: str, name: str, weights: Path = WEIGHTS) -> dict[str, Any]:
+    """Return settings of a row of a shipped model, with the sum of its weights: a row of an older one is out of date.
+
+    Args:
+        kind: "policy", or what else the model is.
+        name: of the model.
+        weights: folder of its kind.
+    """
+    return {kind: name, "sha256": sum_of(weights / f"{name}.npz"), "seed": 0}
 
 
 @cache

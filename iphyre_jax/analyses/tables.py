@@ -9,10 +9,11 @@ from importlib.resources import files
 from typing import Any
 
 from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference
-from iphyre_jax.analyses.shipped import LETTERS, Policy
+from iphyre_jax.analyses.shipped import Policy
 from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.settings.run import STRATEGY_LETTERS
 
 UNSEEN = tuple(SPLITS["unseen_basic"])
 
@@ -26,7 +27,7 @@ def paper_facts() -> Mapping[str, Any]:
 
 def paper_name(policy: Policy) -> str:
     """The paper's name of an agent like this policy: "PPO-I"."""
-    return f"{str(policy.settings['agent']).upper()}-{LETTERS[policy.settings['strategy']]}"
+    return f"{str(policy.settings['agent']).upper()}-{STRATEGY_LETTERS[policy.settings['strategy']]}"
 
 
 def games_document(policies: Sequence[Policy]) -> str:

@@ -92,6 +92,7 @@ class FineTuned:
             learning_rate=self.learning_rate,
             anneal_lr=False,
             minibatches=1,
+            minibatch_of="decisions",
             samples_per_update=self.batch,
         )
         alone: dict[str, Any] = {"variations": 0, "scene_pool": "", "pool_sha256": "", "games": ()}

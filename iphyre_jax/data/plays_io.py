@@ -112,6 +112,9 @@ def _plan(scene: Scene, actions: Any, source: str) -> tuple[int, ...]:  # noqa: 
 def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> None:
     """Write plays as the official player lines, in place of an older file; episodes are counted for each player.
 
+    The official loop plays episode e in reset e + 1, and so does `read_player_lines`. Plays that were made in another
+    reset, as all later ones in a fresh space were, may end otherwise there.
+
     Args:
         path: of the file.
         plays: of games of the package, at 60 steps a second, with their results.

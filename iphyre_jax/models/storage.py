@@ -229,3 +229,8 @@ def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | No
     """
     file = folder / STATE
     return read_npz(file, max_bytes) if file.is_file() else None
+
+
+def parameter_count(params: Any) -> int:  # noqa: ANN401 - a tree of arrays
+    """Numbers of one model of several that stand side by side."""
+    return sum(leaf[0].size for leaf in jax.tree.leaves(params))

@@ -23,13 +23,12 @@ from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.observations.features import MOTION_SIZE
-from iphyre_jax.rules import FRAMES, episode_reward
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
+from iphyre_jax.rules import episode_reward
+from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.train.predictions import open_prediction
 from iphyre_jax.train.settings.run import TrainConfig
 
 LOOK_EVERY = 10  # decisions between checks whether all episodes have ended
-DECISIONS = {"on-the-fly": FRAMES, "combined": MAX_ELIMINABLE + 1}  # at most; each combined one but the last removes
 
 
 class PolicyOutput(NamedTuple):
@@ -137,7 +136,7 @@ class StepRollout:
         next_obs = add_prediction(seen, state)
         active = jnp.ones(len(games), bool)
         steps: list[tuple[jax.Array, ...]] = []
-        most = DECISIONS[environment.strategy.name]
+        most = environment.strategy.decisions
         info: Info = {}
         for k in range(most):
             obs, output = next_obs, policy(jax.random.fold_in(key, k), next_obs, 1)

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from iphyre_jax.data.named.varied import JITTER, SCALE, SHIFT
 from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene, vary
 from iphyre_jax.train.settings.run import TrainConfig
 
-SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by
 TRIES: Final = 200  # draws of a variation at most; angle has the fewest valid ones, one in 100
 STREAM: Final = 7919  # added to the seed, so that variations draw other numbers than anything else
 

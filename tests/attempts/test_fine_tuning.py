@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax.attempts.fine_tuning import FineTuned
+from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import preset
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
@@ -36,6 +37,14 @@ def test_pretrained_it_begins_with_the_greedy_plan() -> None:
     np.testing.assert_array_equal(one.reward, two.reward)
     assert not np.array_equal(one.seconds[:, 0], one.seconds[:, 1])  # runs draw other plans
     assert one.games == games
+
+
+def test_a_policy_that_learned_from_whole_scenes_learns_on_from_plans() -> None:
+    assert isinstance(QUICK.learner, PPO)
+    by_scenes = replace(QUICK, learner=replace(QUICK.learner, minibatch_of="scenes", minibatches=2))
+    by_scenes.check()
+    found = FineTuned(by_scenes, batch=2).attempts(4, games=["support"], fps=10, resets=2)
+    assert np.isfinite(found.reward).all()
 
 
 def test_what_cannot_learn_so_is_refused() -> None:

@@ -19,7 +19,8 @@ from iphyre_jax.train import collect, loop, pool, trainer
 from iphyre_jax.train.pool import Curriculum, ScenePool, draw_scenes, open_pool, recorded, scene_weights, with_sum
 from iphyre_jax.train.scenes import groups_of, training_scenes
 from iphyre_jax.train.settings.agents import PPO
-from iphyre_jax.train.settings.run import GROUP, TrainConfig
+from iphyre_jax.train.settings.checks import GROUP
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, manifest, runs
 from tests.train.storage.test_runs import assert_same_tree
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.analyses.shipped import shipped_model
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import displaced, imagined_rewards
 from iphyre_jax.kept_rows import Row, kept_row
@@ -115,9 +116,14 @@ def _play(game: str, proposals: Proposals, draws: int) -> Row:
     return {"reward": [np.round(real(proposed(game, draw, proposals))[0], 3).tolist() for draw in range(draws)]}
 
 
+def _model_of(proposals: Proposals) -> dict[str, Any]:
+    """Settings of the policy that proposes, if one does."""
+    return shipped_model("policy", POLICY) if proposals == "policy" else {}
+
+
 def imagined(folder: Path, game: str, how: Imagination) -> Floats:
     """Return imagined rewards, (draws, K, PLANS) points, computing them if they are missing in `folder`."""
-    settings: dict[str, Any] = {**asdict(how), "plans": PLANS, "copies": COPIES, "dtype": IMAGINED_DTYPE}
+    settings = {**asdict(how), **_model_of(how.proposals), "plans": PLANS, "copies": COPIES, "dtype": IMAGINED_DTYPE}
     row = kept_row(folder / how.name, game, settings, partial(_imagine, game, how))
     return np.array(row["imagined"], np.float64)
 
@@ -125,5 +131,6 @@ def imagined(folder: Path, game: str, how: Imagination) -> Floats:
 def real(folder: Path, game: str, proposals: Proposals, draws: int) -> Floats:
     """Return the rewards that proposed plans really bring, (draws, PLANS) points; as `imagined`."""
     settings = {"plans": PLANS, "draws": draws, "fps": WORLD_FPS, "resets": RESETS, "dtype": WORLD_DTYPE}
+    settings |= _model_of(proposals)
     row = kept_row(folder / f"played-{proposals}", game, settings, partial(_play, game, proposals, draws))
     return np.array(row["reward"], np.float64)

@@ -24,12 +24,11 @@ from iphyre_jax.models.outcome.training import (
     OutcomeState,
     Params,
     chosen,
-    parameter_count,
     predict,
     start,
     train_chunk,
 )
-from iphyre_jax.models.storage import EVALUATION, VERSION
+from iphyre_jax.models.storage import EVALUATION, VERSION, parameter_count
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 

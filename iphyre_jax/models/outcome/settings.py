@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
 from iphyre_jax.checks import check_flag, check_option, check_positive, check_resets, check_whole, show, whole_fps
+from iphyre_jax.train.settings.agents import ATTENTION_HEADS
 
 NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations", "ranker"]
 PresetName = Literal["paper", "clean", "relations", "ranker"]
@@ -83,6 +84,8 @@ class OutcomeConfig:
             check_option(name, getattr(self, name), options)
         for name in ("seeds", "epochs", "batch_size", "plans_per_scene", "width", "rounds", "chunk"):
             check_whole(name, getattr(self, name), 1, MAX_EPOCHS)
+        if self.network in ("relations", "ranker") and self.width < ATTENTION_HEADS:
+            raise ValueError(f"width: expected at least {ATTENTION_HEADS}, the heads of attention, got {self.width}")
         for name in ("half_period", "draws"):
             check_whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "final_rate", "time_scale"):
@@ -173,6 +176,8 @@ def settings(preset: PresetName = "paper", network: NetworkName | None = None) -
     check_option("network", chosen, NETWORKS)
     config = dataclasses.replace(base, network=chosen)
     if chosen == "vision":  # pictures are dear: fewer, larger steps, with as many swings
+        if config.mirrored:
+            raise ValueError(f"network: expected another than vision with {preset}, which mirrors tables, not pictures")
         ratio = VISION_BATCH // config.batch_size
         config = dataclasses.replace(config, batch_size=VISION_BATCH, half_period=config.half_period // ratio)
     return config

@@ -224,8 +224,3 @@ def _rows(part: slice, leaf: npt.ArrayLike) -> jax.Array:
 def chosen(config: OutcomeConfig, state: OutcomeState) -> Params:
     """The parameters that are kept."""
     return state.best if config.keep_best else state.params
-
-
-def parameter_count(params: Params) -> int:
-    """Numbers of one network of several seeds."""
-    return sum(leaf[0].size for leaf in jax.tree.leaves(params))

@@ -250,15 +250,21 @@ class SequenceTries:
     params: Params
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Any]) -> Floats:
-        """Propose k plans, (k, S) s, NaN for a block that stays; of the past only its length counts."""
+        """Propose k plans, (k, S) s, NaN for a block that stays; of the past only its length counts.
+
+        Times are half a step early: the rule "simulate" then takes the steps that the model's own rule takes. It
+        removes nothing at the very start, so what a model removes there goes one step later.
+        """
         greedy = 0 if past else 1
         key = jax.random.key(int(rng.integers(MAX_SEED)))
-        plans = [
-            Player(self.config, self.params, [scene], np.zeros(count, np.int32), key=own).plans()
-            for count, own in ((greedy, None), (k - greedy, key))
-            if count
-        ]
-        return np.concatenate(plans)[:, : len(scene.eliminable_blocks)]
+        steps = []
+        for count, own in ((greedy, None), (k - greedy, key)):
+            if count:
+                player = Player(self.config, self.params, [scene], np.zeros(count, np.int32), key=own)
+                player.plans()
+                steps.append(player.steps())
+        made = np.concatenate(steps)[:, : len(scene.eliminable_blocks)]
+        return np.where(made < 0, np.nan, (np.maximum(made, 1) - 0.5) / self.config.fps)
 
 
 def contrast(player: Player) -> Floats:

@@ -13,12 +13,11 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.models.outcome.networks.relations import link_features, near_features
+from iphyre_jax.models.outcome.networks.relations import describe
 from iphyre_jax.models.sequence.settings import SequenceConfig
-from iphyre_jax.observations.official import LENGTH_COLUMNS
 from iphyre_jax.rules import FRAMES
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS
-from iphyre_jax.train.algos.networks import AttentionBlock, object_features, pair_features
+from iphyre_jax.train.algos.networks import AttentionBlock
 
 NEVER_BIN: Final = FRAMES  # the time of a block that stays, in tenths of a second
 END: Final = MAX_OBJECTS  # the event after the last removal
@@ -120,12 +119,7 @@ class SequenceModel(nn.Module):
 
     def _objects(self, rows: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Numbers of each object, (B, E, 12, OBJECT), from its relations to all others; and which are there."""
-        flat = rows.reshape(-1, *rows.shape[2:])
-        table = jnp.concatenate([flat[..., :LENGTH_COLUMNS], jnp.minimum(flat[..., LENGTH_COLUMNS:], 1.0)], axis=-1)
-        mask = flat[..., 4] > 0  # every object has a radius
-        ball = mask & (jnp.abs(flat[..., 0:2] - flat[..., 2:4]).max(axis=-1) < 1e-6)
-        pairs = jnp.concatenate([pair_features(table), near_features(table), link_features(flat)], axis=-1)
-        each = jnp.concatenate([object_features(table, table[..., :0]), ball[..., None]], axis=-1)
+        each, pairs, mask, _ = describe(rows.reshape(-1, *rows.shape[2:]))
         x = nn.relu(nn.Dense(OBJECT)(each))
         for _ in range(ROUNDS):
             x = AttentionBlock(OBJECT)(x, pairs, mask)

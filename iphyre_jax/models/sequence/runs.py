@@ -15,8 +15,8 @@ from iphyre_jax.files import locked, replace_json
 from iphyre_jax.models.sequence import evaluation, storage
 from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.settings import SequenceConfig
-from iphyre_jax.models.sequence.training import SequenceState, of_seed, parameter_count, start, train_chunk
-from iphyre_jax.models.storage import EVALUATION, VERSION
+from iphyre_jax.models.sequence.training import SequenceState, of_seed, start, train_chunk
+from iphyre_jax.models.storage import EVALUATION, VERSION, parameter_count
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 

@@ -44,7 +44,8 @@ class SequenceConfig:
         heads: of attention.
         context: decisions that are seen at once.
         smoothing: s, by which a learned time is blurred; 0 for not at all.
-        solved_share: of the plays drawn, how many solve; 0: all plays alike, 1: nothing else.
+        solved_share: of the plays drawn, how many solve; 0: all plays alike, 1: nothing else. With "large" data this
+            holds before the basic games and their variations get one half each, which moves it a little.
         returns: whether the return is seen; without it the model is a clone.
         coded_labels: returns, times and states as the official code computes them.
         mirrored: mirror sequences, each with a probability of one half.

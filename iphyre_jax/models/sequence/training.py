@@ -159,8 +159,3 @@ def train_chunk(
 def of_seed(params: Params, seed: int) -> Params:
     """The parameters of one model of several."""
     return jax.tree.map(lambda leaf: leaf[seed], params)
-
-
-def parameter_count(params: Params) -> int:
-    """Numbers of one model of several."""
-    return sum(leaf[0].size for leaf in jax.tree.leaves(params))

@@ -24,6 +24,7 @@ from iphyre_jax.rules import FRAMES, GOAL_Y, episode_reward
 from iphyre_jax.scenes import Scene, SceneLike, load_scene
 
 LANES: Final = 100  # worlds that are rolled out at once
+LOOKS: Final = FRAMES - 1  # predictions of an episode: the last is of the world after step 895, the next of 901
 MOVERS, TIES = 3, 1  # least room in these worlds, so that most games share a program
 
 Floats = npt.NDArray[np.float64]
@@ -62,9 +63,9 @@ def roll_out(
         _lowest(predict, model, tables, which[at : at + LANES], gone[at : at + LANES])
         for at in range(0, len(which), LANES)
     ]
-    solved = np.concatenate([np.zeros((0, FRAMES)), *lowest]) > GOAL_Y
+    solved = np.concatenate([np.zeros((0, LOOKS)), *lowest]) > GOAL_Y
     success, first = np.asarray(solved.any(axis=1)), solved.argmax(axis=1)
-    end = np.where(success, FIRST + EVERY * (first + 1), FPS * FRAMES // 10).clip(max=FPS * FRAMES // 10)
+    end = np.where(success, FIRST + EVERY * (first + 1), FPS * FRAMES // 10)
     removed = ((gone >= 0) & (gone * EVERY + FIRST < end[:, None])).sum(axis=1)
     reward = np.asarray(episode_reward(success, removed, end, FPS), np.float64)
     return Imagined(success, end.astype(np.int64), removed.astype(np.int64), reward)
@@ -73,13 +74,13 @@ def roll_out(
 def _lowest(
     predict: Predict, model: WorldModel, tables: SceneTables, which: npt.NDArray[np.int32], gone: npt.NDArray[np.int32]
 ) -> Floats:
-    """The y of the highest ball after each step, (N, 150); NaN never counts as solved."""
+    """The y of the highest ball after each prediction, (N, LOOKS); NaN never counts as solved."""
     count = len(which)
     index = np.resize(which, LANES)  # one program for all
     scene: SceneTables = jax.tree.map(lambda table: jnp.asarray(np.asarray(table)[index]), tables)
     removed = jnp.asarray(np.resize(gone, (LANES, gone.shape[1])))
     memory, rows = start_memory(model.config, scene), start_rows(scene)
-    centre = roll(predict, model.params, memory, rows, removed, FRAMES)
+    centre = roll(predict, model.params, memory, rows, removed, LOOKS)
     height = jnp.where(jnp.asarray(scene.ball)[None], centre[..., 1], jnp.inf).min(axis=-1)
     return np.asarray(height, np.float64).T[:count]
 

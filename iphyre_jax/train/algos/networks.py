@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.train.observations import parts
+from iphyre_jax.train.settings.agents import ATTENTION_HEADS
 from iphyre_jax.train.settings.run import TrainConfig
 
 Params = Any  # a network's tree of arrays
@@ -20,7 +21,6 @@ VALUE_SCALE = 1.0
 NOTHING: Any = ()  # stands for arrays that a state does not have
 CONTRAST = 2.0  # factor of centred observations
 SAME_PLACE = 1e-3  # of the screen: an object nearer than this to a slot's centre is its block
-HEADS = 4  # of attention
 
 ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {"tanh": nn.tanh, "relu": nn.relu}
 
@@ -107,10 +107,10 @@ class AttentionBlock(nn.Module):
     @nn.compact
     def __call__(self, x: jax.Array, pair_features: jax.Array, mask: jax.Array) -> jax.Array:
         """Objects x (B, 12, d), pair features (B, 12, 12, r), mask (B, 12) -> (B, 12, width)."""
-        each = self.width // HEADS
+        each = self.width // ATTENTION_HEADS
         y = nn.LayerNorm()(x)
-        query, key, value = (nn.DenseGeneral((HEADS, each))(y) for _ in range(3))
-        relation = nn.Dense(HEADS)(nn.relu(nn.Dense(32)(pair_features)))
+        query, key, value = (nn.DenseGeneral((ATTENTION_HEADS, each))(y) for _ in range(3))
+        relation = nn.Dense(ATTENTION_HEADS)(nn.relu(nn.Dense(32)(pair_features)))
         score = jnp.einsum("bnhe,bmhe->bnmh", query, key) / each**0.5 + relation
         weight = jax.nn.softmax(jnp.where(mask[:, None, :, None], score, -1e9), axis=2)
         attended_values = jnp.einsum("bnmh,bmhe->bnhe", weight, value).reshape(*x.shape[:2], -1)

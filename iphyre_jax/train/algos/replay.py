@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.train.algos.advantage import POINTS
-from iphyre_jax.train.collect import DECISIONS, Trajectory
+from iphyre_jax.train.collect import Trajectory
 from iphyre_jax.train.settings.agents import OffPolicy
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -59,16 +59,9 @@ def _later(values: jax.Array, k: int) -> jax.Array:
     return jnp.concatenate([values[k:], jnp.zeros_like(values[:k])])
 
 
-def _rows(config: TrainConfig, settings: OffPolicy) -> int:
-    """Transitions that an update keeps."""
-    decisions = config.episodes_per_update * DECISIONS.get(config.strategy, 1)
-    return min(settings.samples_per_update or decisions, decisions)
-
-
 def empty(config: TrainConfig, settings: OffPolicy, obs: jax.Array, raw_action: jax.Array) -> Buffer:
     """A buffer without transitions, for observations like (1, D) and raw actions like (1, ...)."""
-    rows = _rows(config, settings)
-    capacity = max(1, settings.buffer_size // rows) * rows
+    capacity = settings.capacity(config.decisions_per_update)
 
     def zeros(like: jax.Array) -> jax.Array:
         return jnp.zeros((capacity, *like.shape[1:]), like.dtype)
@@ -80,7 +73,7 @@ def empty(config: TrainConfig, settings: OffPolicy, obs: jax.Array, raw_action: 
 
 def add(config: TrainConfig, settings: OffPolicy, buffer: Buffer, trajectory: Trajectory, key: jax.Array) -> Buffer:
     """Add the transitions of an update; if there are too many, a random subset of the active ones."""
-    whole, rows = transitions(settings, trajectory), _rows(config, settings)
+    whole, rows = transitions(settings, trajectory), settings.rows(config.decisions_per_update)
     count = whole.weight.shape[0]
     order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - whole.weight))[:rows]
     kept = jax.tree.map(

@@ -1,6 +1,6 @@
 """The settings of each algorithm, field by field. Presets fill them in (`presets.py`).
 
-A field's metadata says which numbers it takes: at least "least" (0 by default), above 0 if "positive".
+A field's metadata says which numbers it takes: at least "least" (0 by default), above 0 if "positive", at most "most".
 """
 
 from __future__ import annotations
@@ -14,8 +14,11 @@ HeadName = Literal["time_grid", "gaussian", "tanh_normal", "deterministic", "cat
 AdvantageScope = Literal["scene", "batch", "none"]
 MinibatchOf = Literal["decisions", "scenes"]
 
+ATTENTION_HEADS: Final = 4  # of networks that attend from object to object
+
 _AT_LEAST_1: Final = MappingProxyType({"least": 1})
 _POSITIVE: Final = MappingProxyType({"positive": True})
+_SHARE: Final = MappingProxyType({"most": 1})
 _SIGNED: Final = MappingProxyType({"least": -1e9})
 
 
@@ -27,6 +30,11 @@ def _count(default: int) -> Any:  # noqa: ANN401 - as `dataclasses.field`
 def _positive(default: float) -> Any:  # noqa: ANN401 - as `dataclasses.field`
     """A number above 0."""
     return field(default=default, metadata=_POSITIVE)
+
+
+def _share(default: float) -> Any:  # noqa: ANN401 - as `dataclasses.field`
+    """A number from 0 to 1."""
+    return field(default=default, metadata=_SHARE)
 
 
 @dataclass(frozen=True)
@@ -53,9 +61,9 @@ class PolicyGradient:
     k decisions later counts (gamma gae_lambda)^k, since there are no values to take its place."""
     vf_coef: float = 0.5
     """Weight of the value loss."""
-    gamma: float = 1.0
+    gamma: float = _share(1.0)
     """Discount of a reward one decision later."""
-    gae_lambda: float = 0.95
+    gae_lambda: float = _share(0.95)
     """Lambda of generalised advantage estimation."""
     normalize_advantage: AdvantageScope = "scene"
     """Subtract the mean of the advantages and divide by their standard deviation: within the episodes of each scene,
@@ -95,7 +103,7 @@ class OffPolicy:
 
     learning_rate: float = _positive(3e-4)
     """Adam's learning rate, of every network."""
-    gamma: float = 1.0
+    gamma: float = _share(1.0)
     """Discount of a reward one decision later."""
     n_step: int = _count(1)
     """Decisions whose rewards are summed before the value network takes over."""
@@ -109,8 +117,17 @@ class OffPolicy:
     """Gradient steps in an update."""
     warmup: int = 1000
     """Transitions that must be kept before learning begins."""
-    tau: float = 0.005
+    tau: float = _share(0.005)
     """Share of the way that target networks move to the learned ones in a gradient step."""
+
+    def rows(self, decisions: int) -> int:
+        """Transitions that an update of so many decisions keeps."""
+        return min(self.samples_per_update or decisions, decisions)
+
+    def capacity(self, decisions: int) -> int:
+        """Transitions that the buffer keeps: those of whole updates."""
+        rows = self.rows(decisions)
+        return max(1, self.buffer_size // rows) * rows
 
 
 @dataclass(frozen=True)
@@ -143,9 +160,9 @@ class DDPG(OffPolicy):
 class DQN(OffPolicy):
     """Deep Q-network: greedy, but for a share of random actions."""
 
-    epsilon: float = 1.0
+    epsilon: float = _share(1.0)
     """Share of random actions at the start."""
-    epsilon_end: float = 0.02
+    epsilon_end: float = _share(0.02)
     """The same at the end of `epsilon_updates`."""
     epsilon_updates: int = _count(50)
     """Updates over which the share falls linearly."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
-from iphyre_jax.train.settings.agents import PolicyGradient
+from iphyre_jax.train.settings.agents import ATTENTION_HEADS, DQN, OffPolicy, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
 MAX_COUNT: Final = 10**8  # of a learner's whole numbers
+GROUP: Final = 32  # episodes of one scene in an update, which are compared with one another
 
 _MOST: Final[Mapping[str, int]] = MappingProxyType(
     {
@@ -52,6 +53,8 @@ def check_config(config: TrainConfig) -> None:
         _require(config, name, getattr(config, name) <= most, f"at most {most}")
     depth = len(config.hidden_sizes) <= MAX_LAYERS and max(config.hidden_sizes) <= MAX_WIDTH
     _require(config, "hidden_sizes", depth, f"at most {MAX_LAYERS} widths of at most {MAX_WIDTH}")
+    wide = config.network != "objects" or min(config.hidden_sizes) >= ATTENTION_HEADS
+    _require(config, "hidden_sizes", wide, f"widths of at least {ATTENTION_HEADS}, the heads of attention")
     _require(config, "checkpoint_seconds", 0 <= config.checkpoint_seconds < float("inf"), "a number not below 0")
     _check_pool(config)
     _check_groups(config)
@@ -112,6 +115,9 @@ def _check_pool(config: TrainConfig) -> None:
     for name in ("pool_scenes", "pool_topologies"):
         _require(config, name, getattr(config, name) >= 1, "at least 1")
     _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
+    if config.scene_pool and config.pool_share < 1:
+        expected = f"at least {2 * GROUP} where pool and games share them, or a pool_share of 1"
+        _require(config, "episodes_per_scene", config.groups >= 2, expected)
 
 
 def _check_prediction(config: TrainConfig) -> None:
@@ -137,12 +143,18 @@ def _check_learner(config: TrainConfig) -> None:
         positive, least = "positive" in entry.metadata, entry.metadata.get("least", 0)
         finite = least <= value < float("inf") and (value > 0 or not positive)
         _require(learner, entry.name, finite, "a positive number" if positive else f"a number not below {least}")
-        _require(learner, entry.name, isinstance(value, float) or value <= MAX_COUNT, f"at most {MAX_COUNT}")
+        most = entry.metadata.get("most", float("inf") if isinstance(value, float) else MAX_COUNT)
+        _require(learner, entry.name, value <= most, f"at most {most}")
     _check_literals(learner)
     if isinstance(learner, PolicyGradient):
         if config.strategy != "in-advance" and not learner.samples_per_update:
             raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
         _check_minibatches(config, learner)
+    if isinstance(learner, OffPolicy):
+        kept = learner.capacity(config.decisions_per_update)
+        _require(learner, "warmup", learner.warmup <= kept, f"at most {kept}, the transitions that are kept")
+    if isinstance(learner, DQN):
+        _require(learner, "no_op_prob", 0 < learner.no_op_prob < 1, "a number between 0 and 1")
 
 
 def _check_groups(config: TrainConfig) -> None:
@@ -153,7 +165,8 @@ def _check_groups(config: TrainConfig) -> None:
 
 def _check_minibatches(config: TrainConfig, learner: PolicyGradient) -> None:
     """Refuse minibatches that are not of one size, or of scenes where there are none."""
-    count, unit = learner.samples_per_update or config.episodes_per_update, "decisions"
+    decisions = config.decisions_per_update
+    count, unit = min(learner.samples_per_update or decisions, decisions), "decisions"
     if learner.minibatch_of == "scenes":
         in_advance = config.strategy == "in-advance" and not learner.samples_per_update
         _require(learner, "minibatch_of", in_advance, "decisions unless in advance without samples_per_update")

@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.envs.strategies import StrategyName
+from iphyre_jax.envs.strategies import StrategyName, strategy_named
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import SPLITS
 from iphyre_jax.train.settings.agents import PPO, AgentName, HeadName, Settings
-from iphyre_jax.train.settings.checks import check_config
+from iphyre_jax.train.settings.checks import GROUP, check_config
 from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
 ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
 Dtype = Literal["float32", "float64"]
-GROUP: Final = 32  # episodes of one scene in an update, which are compared with one another
 STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O", "combined": "C"})
 
 
@@ -148,6 +147,11 @@ class TrainConfig:
     def episodes_per_update(self) -> int:
         """Episodes played in an update."""
         return len(self.training_games) * self.episodes_per_scene
+
+    @property
+    def decisions_per_update(self) -> int:
+        """Decisions of an update, at most: those of episodes that end early are there and do not count."""
+        return self.episodes_per_update * strategy_named(self.strategy).decisions
 
     @property
     def groups(self) -> int:

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.models.sequence import agent
 from iphyre_jax.models.sequence.networks import END, NEVER_BIN, Sequences
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
+from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import load_scene
 
 HINDER = load_scene("hinder")  # three blocks that can go
@@ -114,6 +116,25 @@ def test_a_block_goes_if_that_is_likelier_than_not() -> None:
     assert agent.likeliest_times(jnp.log(jnp.asarray(chance, jnp.float32))).tolist() == [[42, NEVER_BIN]]
 
 
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly"])
+def test_tries_take_the_steps_of_the_model(monkeypatch: pytest.MonkeyPatch, strategy: StrategyName) -> None:
+    """At 10 steps a second too, whose rule is another one than that of the attempts; but none before the first."""
+    bins = np.array([[8, 11, 149, NEVER_BIN, NEVER_BIN, NEVER_BIN]] * 2)
+    bins[1, 0] = 0 if strategy == "on-the-fly" else 1
+
+    def plans(player: agent.Player) -> None:
+        player.bins = bins
+
+    monkeypatch.setattr(agent.Player, "plans", plans)
+    for fps in (10, 60):
+        config = dataclasses.replace(settings("ours", strategy), fps=fps)
+        propose = agent.SequenceTries(config, None)
+        made = plan_to_steps(propose(HINDER, 2, np.random.default_rng(0), ("earlier",)), fps, "simulate")
+        player = agent.Player(config, None, [HINDER], np.zeros(2, int))
+        player.bins = bins
+        np.testing.assert_array_equal(made, np.where(player.steps() == 0, 1, player.steps())[:, :3])
+
+
 def test_tries_begin_with_the_greedy_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second, _ = HINDER.eliminable_blocks
     asked: list[tuple[int, bool]] = []
@@ -132,7 +153,7 @@ def test_tries_begin_with_the_greedy_plan(monkeypatch: pytest.MonkeyPatch) -> No
     config = dataclasses.replace(settings("ours"), data="large")
     propose = agent.SequenceTries(config, None)
     rng = np.random.default_rng(0)
-    greedy, drawn = [0.5, NAN, NAN], [NAN, 1.2, NAN]
+    greedy, drawn = [30.5 / 60, NAN, NAN], [NAN, 71.5 / 60, NAN]  # steps 31 and 72, by the official clock
     np.testing.assert_array_equal(propose(HINDER, 3, rng, ()), [greedy, drawn, drawn])
     assert [sampled for _, sampled in asked] == [False, True]
     np.testing.assert_array_equal(propose(HINDER, 1, rng, ()), [greedy])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +25,7 @@ from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import scene_tables, state_of
 from iphyre_jax.models.world.training import taken
 from iphyre_jax.observations.official import object_rows, scene_features
+from iphyre_jax.rules import GOAL_Y
 from iphyre_jax.scenes import load_scene
 from tests.models.world.made_up import falling
 
@@ -143,6 +145,19 @@ def test_imagination_keeps_the_rules() -> None:
     agent = WorldPlanner(imagination, 20)
     plans = agent(load_scene("support"), 3, np.random.default_rng(0), ())
     assert plans.shape == (3, 2)
+
+
+@pytest.mark.parametrize(("predictions", "success", "step"), [(1, True, 7), (149, True, 895), (150, False, 900)])
+def test_imagination_ends_with_the_episode(predictions: int, success: bool, step: int) -> None:
+    """The 150th prediction would be of the world after step 901."""
+    ball = load_scene("support").balls[0]
+    fall = (GOAL_Y - float(ball[1]) + 0.1) / predictions  # px in each 0.1 s
+
+    def falls(params: object, memory: Any, rows: jax.Array, gone: jax.Array) -> tuple[jax.Array, Any]:
+        return rows.at[:, :, np.array([1, 3])].add(fall), memory
+
+    found = WorldImagination(storage.WorldModel(OBJECTS, PARAMS, {}), falls).imagined("support", [[np.nan, np.nan]])
+    assert (found.success.tolist(), found.steps.tolist()) == ([success], [step])
 
 
 def test_mdrnn_sees_lengths_scaled_and_flags_whole() -> None:

@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 
 from iphyre_jax import SPLITS
-from iphyre_jax.train.settings.agents import DQN, PPO
+from iphyre_jax.train.settings.agents import DDPG, DQN, PPO
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 
 FLY: dict[str, Any] = {"strategy": "on-the-fly", "head": "categorical"}
+DDPG_I: dict[str, Any] = {"agent": "ddpg", "head": "deterministic"}
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "split": ({"split": "advanced"}, "split: expected one of basic"),
@@ -79,6 +80,29 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "scenes on the fly": (
         FLY | {"learner": PPO(samples_per_update=64, minibatch_of="scenes")},
         "minibatch_of: expected decisions unless in advance",
+    ),
+    "minibatches of few decisions": (
+        FLY | {"games": ("hole",), "episodes_per_scene": 4, "learner": PPO(samples_per_update=8192, minibatches=32)},
+        "minibatches: expected a divisor of 600 decisions an update, got 32",
+    ),
+    "too few episodes to share": (
+        {"scene_pool": "pool.npz", "episodes_per_scene": 32},
+        "episodes_per_scene: expected at least 64 where pool and games share them, or a pool_share of 1, got 32",
+    ),
+    "narrow attention": (
+        {"network": "objects", "hidden_sizes": (8, 3)},
+        r"hidden_sizes: expected widths of at least 4, the heads of attention, got a list of 2",
+    ),
+    "discount": ({"learner": PPO(gamma=5.0)}, "gamma: expected at most 1, got 5.0"),
+    "lambda": ({"learner": PPO(gae_lambda=3.0)}, "gae_lambda: expected at most 1, got 3.0"),
+    "share of a target": (DDPG_I | {"learner": DDPG(tau=2.0)}, "tau: expected at most 1, got 2.0"),
+    "learning that never begins": (
+        DDPG_I | {"games": ("hole",), "learner": DDPG(buffer_size=500)},
+        "warmup: expected at most 384, the transitions that are kept, got 1000",
+    ),
+    "never nothing": (
+        FLY | {"agent": "dqn", "head": "categorical", "learner": DQN(no_op_prob=0.0)},
+        "no_op_prob: expected a number between 0 and 1, got 0.0",
     ),
     "no topology": ({"pool_topologies": 0}, "pool_topologies: expected at least 1"),
 }

@@ -15,7 +15,8 @@ import numpy as np
 from iphyre_jax.models.outcome.networks.relations import all_solved, describe
 from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes
 from iphyre_jax.rules import TIME_LIMIT
-from iphyre_jax.train.algos.networks import HEADS, AttentionBlock
+from iphyre_jax.train.algos.networks import AttentionBlock
+from iphyre_jax.train.settings.agents import ATTENTION_HEADS
 
 PLAN_WIDTH: Final = 64  # features of an object in a plan
 PLAN_ROUNDS: Final = 2  # of attention, with the plan known
@@ -72,10 +73,10 @@ class PlanAttention(nn.Module):
     def __call__(self, x: jax.Array, pairs: jax.Array, mask: jax.Array) -> jax.Array:
         """Objects x (B, P, 12, d), features of pairs (B, 12, 12, r), mask (B, 12) -> (B, P, 12, d)."""
         width = x.shape[-1]
-        each = width // HEADS
+        each = width // ATTENTION_HEADS
         y = nn.LayerNorm()(x)
-        query, key, value = (nn.DenseGeneral((HEADS, each))(y) for _ in range(3))
-        relation = nn.Dense(HEADS)(nn.relu(nn.Dense(32)(pairs)))[:, None]
+        query, key, value = (nn.DenseGeneral((ATTENTION_HEADS, each))(y) for _ in range(3))
+        relation = nn.Dense(ATTENTION_HEADS)(nn.relu(nn.Dense(32)(pairs)))[:, None]
         score = jnp.einsum("bpnhe,bpmhe->bpnmh", query, key) / each**0.5 + relation
         weight = jax.nn.softmax(jnp.where(mask[:, None, None, :, None], score, -1e9), axis=3)
         attended = jnp.einsum("bpnmh,bpmhe->bpnhe", weight, value).reshape(x.shape)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+import pytest
 
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.models.outcome.plays import audit, inputs
@@ -31,6 +33,14 @@ def test_rows_are_the_official_ones_before_clipping() -> None:
     rows = inputs.scene_rows([scene])[0]
     official = start_observation(scene)[:108].reshape(12, 9)
     np.testing.assert_array_equal(rows.clip(0, 1), official)
+
+
+@pytest.mark.parametrize("preset", ["relations", "ranker"])
+def test_pictures_are_not_mirrored(preset: Any) -> None:
+    with pytest.raises(ValueError, match=rf"^network: expected another than vision with {preset}, which mirrors"):
+        settings(preset, "vision")
+    with pytest.raises(ValueError, match=r"^width: expected at least 4, the heads of attention, got 3$"):
+        dataclasses.replace(settings(preset), width=3).check()
 
 
 def test_pictures_show_the_start() -> None:
