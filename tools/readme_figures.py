@@ -59,7 +59,7 @@ def figures(performance: str, parity: str, results: str, carry_over: str) -> Ite
         raise ValueError(f"docs/results/parity.md: expected 100 % equal bit for bit, got {shares}")
     yield "parity, float64", "all poses of 4,000 plays equal pymunk's bit for bit"
     same = cells(parity, "float32", "60 steps a second")[5]
-    yield "parity, float32, 60 steps a second", f"the same outcome as pymunk in {same} % of 2,000 plays"
+    yield "parity, float32, 60 steps a second", f"the same success as pymunk in {same} % of 2,000 plays"
     told = "In 2400 random episodes, 20 of each game and strategy, no reward and no flag differed, and all"
     if told not in " ".join(parity.split()):
         raise ValueError("docs/results/parity.md: expected 2400 official episodes without a difference")
@@ -77,7 +77,7 @@ def figures(performance: str, parity: str, results: str, carry_over: str) -> Ite
     )
     first, five, people = ranked(carry_over)
     yield (
-        "all forty, plans ranked by a classifier, 60 steps a second",
+        "all forty, five policies ranked by a classifier (`refined`), 60 steps a second",
         f"{first}, best of five {five}; people {people}",
     )
     seconds = cells(results, quick, "### Time")[2]

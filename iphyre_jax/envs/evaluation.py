@@ -1,4 +1,4 @@
-"""Score a policy by the paper's protocol: so many episodes of every game, mean reward and success rate."""
+"""Score a policy as the paper does: so many episodes of every game, mean reward and success rate."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def evaluate(
 ) -> Scores:
     """Play every game of a split and score the policy.
 
-    The paper's protocol is one episode a game at 10 steps a second with sampled actions; its human scores are the best
+    The paper's agents play one episode a game at 10 steps a second with sampled actions; its human scores are the best
     of five attempts at 60.
 
     Args:
