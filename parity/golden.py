@@ -102,7 +102,7 @@ def _samples(
 ) -> NDArray[np.float64]:
     """Poses of all objects, (K, N, 3): moving ones as given, others at the scene's positions until removed."""
     samples = np.zeros((len(moving), scene.n_objects, 3))
-    samples[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    samples[..., :2] = scene.centres
     samples[:, scene.dynamic] = moving
     for block, when in zip(scene.eliminable_blocks, plan.tolist(), strict=True):
         if 0 <= when < end:

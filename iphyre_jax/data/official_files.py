@@ -82,7 +82,7 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
 
 
 def _save_sequences(scene: Scene, dataset: Dataset, game: Path) -> None:
-    centres = scene.blocks.mean(axis=1)[list(scene.eliminable_blocks)]
+    centres = scene.centres[list(scene.eliminable_blocks)]
     for number, (times, table) in enumerate(zip(drawn_times(dataset), tables(dataset), strict=True)):
         clicks = [(*centre, time) for centre, time in zip(centres, times, strict=False) if time]
         folder = game / str(number)

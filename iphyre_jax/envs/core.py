@@ -132,7 +132,8 @@ class Environment:
 
         Args:
             params: the games.
-            game: row of the parameters.
+            game: row of the parameters. The new environment's `games` is named after this row of `games`, the names of
+                `make`; parameters of other games have no names.
 
         Raises:
             ValueError: there is no such row; one line.

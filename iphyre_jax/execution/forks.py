@@ -1,18 +1,14 @@
 """What is checked before the package is used: that this is no forked child, and that JAX has room to start.
 
 Threads and clients do not come along into a forked child, so one forked after use would wait for them forever.
-Processes of our own are therefore started anew; `import_path` lets them find what this one imports.
+Processes of our own are therefore started anew (`own_process`).
 """
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from iphyre_jax.execution.configuration import jax_has_started
 from iphyre_jax.memory import check_start
@@ -49,18 +45,3 @@ def check_fork() -> None:
             "iphyre_jax: this process was forked from one that had already used it, and its threads did not come "
             'along; start processes by spawn, as multiprocessing.get_context("spawn") does'
         )
-
-
-def import_path() -> str:
-    """Return the PYTHONPATH with which a new process, in any folder, imports what this one does."""
-    return os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
-
-
-def end_process(process: subprocess.Popen[Any]) -> None:
-    """End a process of our own, whatever it does, and close its pipes; what was not yet written is lost."""
-    process.kill()
-    process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with suppress(OSError, ValueError):
-                pipe.close()

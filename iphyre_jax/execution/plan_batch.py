@@ -177,7 +177,7 @@ class PlanBatch:
 def _poses(scene: Scene, moving: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.floating[Any]]:
     """Return x, y, angle of all objects, (B, K, N, 3), removed ones included; moving: (K, n, B, 3), moving bodies."""
     poses = np.zeros((moving.shape[2], moving.shape[0], scene.n_objects, 3), moving.dtype)
-    poses[:, :, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    poses[..., :2] = scene.centres
     poses[:, :, np.flatnonzero(scene.dynamic)] = moving.transpose(2, 0, 1, 3)
     return poses
 

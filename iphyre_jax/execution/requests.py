@@ -1,12 +1,17 @@
-"""How a process of our own answers the one that started it: a request a line comes in, answers go out."""
+"""How a process of our own answers the one that started it (`own_process`): a request a line comes in, answers go out.
+
+An answer is a line too, a JSON object. Its field "bytes" says how many bytes follow.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import queue
 import sys
 import threading
+from collections.abc import Mapping
 
 
 def open_answers() -> io.BufferedWriter:
@@ -16,10 +21,17 @@ def open_answers() -> io.BufferedWriter:
     return answers
 
 
-def send(answers: io.BufferedWriter, answer: bytes) -> None:
-    """Write an answer; if whoever asked was killed, this process ends without a word."""
+def send(answers: io.BufferedWriter, fields: Mapping[str, object], content: bytes = b"") -> None:
+    """Write an answer; if whoever asked was killed, this process ends without a word.
+
+    Args:
+        answers: `open_answers`.
+        fields: JSON values.
+        content: bytes that follow the line.
+    """
+    size = {"bytes": len(content)} if content else {}
     try:
-        answers.write(answer)
+        answers.write(json.dumps({**fields, **size}).encode() + b"\n" + content)
         answers.flush()
     except BrokenPipeError:
         os._exit(0)  # the ordinary way out would close `answers`, which raises the same again

@@ -46,8 +46,7 @@ def scene_features(scene: Scene) -> SceneFeatures:
     position = np.zeros((size, 2))
     ends = np.zeros((size, 2, 2))
     constants = np.zeros((size, 3))
-    position[:n_blocks] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    position[n_blocks:n_objects] = scene.balls[:, :2]
+    position[:n_objects] = scene.centres
     ends[:n_blocks] = scene.blocks - position[:n_blocks, None]
     constants[:n_blocks, 0] = BLOCK_RADIUS
     constants[n_blocks:n_objects, 0] = scene.balls[:, 2]

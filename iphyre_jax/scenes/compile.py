@@ -29,11 +29,9 @@ class _Bodies:
     """Geometry of a scene's objects, and who moves."""
 
     def __init__(self, scene: Scene) -> None:
-        blocks = np.asarray(scene.blocks, np.float64).reshape(-1, 2, 2)
-        balls = np.asarray(scene.balls, np.float64).reshape(-1, 3)
+        blocks, balls = scene.blocks, scene.balls
         self.n_blocks = len(blocks)
-        # The reference's mid point and end points: (a + b) / 2, then world = centre + (end - centre).
-        self.centre = np.concatenate([(blocks[:, 0] + blocks[:, 1]) / 2, balls[:, :2]])
+        self.centre = scene.centres  # and, as in the reference, world = centre + (end - centre)
         self.end_a = blocks[:, 0] - self.centre[: self.n_blocks]
         self.end_b = blocks[:, 1] - self.centre[: self.n_blocks]
         delta = self.end_b - self.end_a

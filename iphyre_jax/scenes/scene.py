@@ -89,6 +89,11 @@ class Scene:
         """Object indices of the eliminable bars in list order: the columns of a plan."""
         return tuple(int(i) for i in np.flatnonzero(self.eliminable))
 
+    @property
+    def centres(self) -> npt.NDArray[np.float64]:
+        """(n_objects, 2) px, the centre of each object at the start: of a bar (a + b) / 2, as in the reference."""
+        return np.concatenate([(self.blocks[:, 0] + self.blocks[:, 1]) / 2, self.balls[:, :2]])
+
     def _identity(self) -> tuple[object, ...]:
         arrays = (self.blocks, self.balls, self.eliminable, self.dynamic)
         return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs, self.limits)

@@ -24,7 +24,7 @@ from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu, partition_of
-from iphyre_jax.execution.forks import import_path
+from iphyre_jax.execution.own_process import import_path
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
 from iphyre_jax.scenes import MAX_ELIMINABLE, load_scene
 from iphyre_jax.train.settings.run import TrainConfig

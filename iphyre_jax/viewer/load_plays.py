@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.checks import one_line, show
-from iphyre_jax.files import MAX_JSON_BYTES, parse_json
+from iphyre_jax.files import MAX_JSON_BYTES, parse_json, read_json_object
 from iphyre_jax.scenes import GAMES, SCENE_SCHEMA, SPLITS, load_scene
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
@@ -104,7 +104,4 @@ def _object(path: Path) -> Mapping[str, Any]:
     if not path.is_file():
         hint = "; `iphyre-jax evaluate` writes it" if path.name == "evaluation.json" else ""
         raise FileNotFoundError(f"{name}: expected this file of a run folder, but there is none{hint}")
-    content = parse_json(path.read_bytes(), name)
-    if not isinstance(content, Mapping):
-        raise ValueError(f"{name}: expected an object, got {show(content)}")
-    return content
+    return read_json_object(path)

@@ -177,7 +177,7 @@ def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
 def _object_arrays(scene: Scene, frames: Frames, count: int) -> tuple[Floats, Floats, Floats]:
     """Return poses and velocities of all objects in list order, and contacts, of the first `count` frames."""
     poses = np.zeros((count, scene.n_objects, 3))
-    poses[:, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
+    poses[..., :2] = scene.centres
     velocities = np.zeros((count, scene.n_objects, 2))
     moving = np.flatnonzero(scene.dynamic)
     poses[:, moving] = frames.pose[:count]

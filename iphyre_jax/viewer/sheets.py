@@ -64,6 +64,5 @@ def start_of(scene: Scene, fps: int = 60) -> Recording:
     """Return a recording that holds only the start of a scene; nothing is compiled or played."""
     check_is_scene("scene", scene)
     poses = np.zeros((1, scene.n_objects, 3))
-    poses[0, : scene.n_blocks, :2] = (scene.blocks[:, 0] + scene.blocks[:, 1]) / 2
-    poses[0, scene.n_blocks :, :2] = scene.balls[:, :2]
+    poses[0, :, :2] = scene.centres
     return Recording.of_poses(scene, [-1] * len(scene.eliminable_blocks), poses, fps=fps)

@@ -96,10 +96,7 @@ def official_table(scene: Scene) -> str:
 
 def start_poses(scene: Scene) -> Poses:
     """Return the poses of all objects at the start, (N, 3) px, px, rad."""
-    poses = np.zeros((scene.n_objects, 3))
-    poses[: scene.n_blocks, :2] = scene.blocks.mean(axis=1)
-    poses[scene.n_blocks :, :2] = scene.balls[:, :2]
-    return poses
+    return np.column_stack([scene.centres, np.zeros(scene.n_objects)])
 
 
 def _block(scene: Scene, poses: Poses, names: Sequence[str], block: int) -> str:

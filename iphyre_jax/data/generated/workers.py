@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import io
 import os
-import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,18 +15,16 @@ from functools import partial
 from itertools import count
 from queue import SimpleQueue
 from threading import Event
-from typing import IO, Final, cast
+from typing import Final
 
 import numpy as np
 
 from iphyre_jax.data.generated.chunks import Arrays, make_chunk
 from iphyre_jax.data.generated.pool import GeneratorSettings
 from iphyre_jax.execution import configuration
-from iphyre_jax.execution.forks import end_process, import_path
+from iphyre_jax.execution.own_process import EndedError, OwnProcess
 
-COMMAND: Final = (sys.executable, "-P", "-m", "iphyre_jax.data.generated")
-LENGTH: Final = 8  # bytes
-MAX_BYTES: Final = 2**28  # of a chunk, hundreds of times what one takes
+COMMAND: Final = ("-m", "iphyre_jax.data.generated")
 
 Keep = Callable[[int, Callable[[], Arrays]], Arrays]
 """Of a chunk's number and of what works it out: the chunk, perhaps as it was kept."""
@@ -77,12 +73,12 @@ class ChunkProcesses:
         """Work out a chunk; where no process can be started, or one has ended, this process does it.
 
         Raises:
-            EOFError: the processes were closed.
+            EndedError: the processes were closed.
         """
         process = self._idle.get()
         try:
             return process.chunk(number)
-        except (OSError, EOFError):
+        except EndedError:
             if self._closed.is_set():
                 raise
             return make_chunk(self._settings, number)  # and says what is wrong
@@ -101,39 +97,23 @@ class ChunkProcess:
 
     def __init__(self, settings: GeneratorSettings) -> None:
         self._arguments = (str(settings.seed), settings.protocol.name, settings.kind)
-        self._running: subprocess.Popen[bytes] | None = None
+        self._running: OwnProcess | None = None
 
     def chunk(self, number: int) -> Arrays:
         """Work out a chunk.
 
         Raises:
-            OSError: the process cannot be started, or does not read.
-            EOFError: it has ended.
+            EndedError: the process cannot be started, or has ended.
         """
         if self._running is None:
-            self._running = self._start()
-        questions, answers = cast(IO[bytes], self._running.stdin), cast(IO[bytes], self._running.stdout)
-        questions.write(b"%d\n" % number)
-        questions.flush()
-        length = int.from_bytes(answers.read(LENGTH), "big")
-        content = answers.read(length if length < MAX_BYTES else 0)
-        if not length or len(content) < length:
-            raise EOFError("a process that generates scenes has ended")
+            folder = configuration.cache_folder()
+            environment = {**os.environ, "IPHYRE_JAX_CACHE": str(folder or "off")}
+            self._running = OwnProcess([*COMMAND, *self._arguments], environment)
+        _, content = self._running.ask({"chunk": number})
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return dict(arrays)
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        folder = configuration.cache_folder()
-        own = {"PYTHONPATH": import_path(), "JAX_PLATFORMS": "cpu", "IPHYRE_JAX_CACHE": str(folder or "off")}
-        return subprocess.Popen(  # noqa: S603 - our own interpreter and module
-            [*COMMAND, *self._arguments],
-            env={**os.environ, **own},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C reaches only us, and we end it
-        )
 
     def end(self) -> None:
         """End the process."""
         if self._running is not None:
-            end_process(self._running)
+            self._running.end()

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import atexit
-import json
 import os
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final, cast
+from typing import Any, Final
 
-from iphyre_jax.checks import show
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.options import xla_flags
-from iphyre_jax.execution.forks import end_process, import_path
+from iphyre_jax.execution.own_process import EndedError, OwnProcess
 
 WORKER: Final = "iphyre_jax.execution.compilation.worker"
 PATIENCE: Final = 1.5  # s of waiting before progress is shown
@@ -54,21 +50,11 @@ class CompilerProcess:
     def __init__(self, options: Mapping[str, str]) -> None:
         self.options, self.is_new = dict(options), True
         kept = {name: value for name, value in os.environ.items() if not name.startswith(_OURS)}
-        quiet = {"TF_CPP_MIN_LOG_LEVEL": "3", "JAX_PLATFORMS": "cpu", "XLA_FLAGS": xla_flags(options)}
-        quiet["PYTHONPATH"] = import_path()
         try:
-            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and module
-                [sys.executable, "-P", "-m", WORKER],
-                env={**kept, **quiet},
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-                start_new_session=True,  # Ctrl-C reaches only us, and we end it
-            )
-        except OSError as error:
-            raise CompilationError(f"no process can be started ({error.strerror})") from None
-        self._answer()
+            self._process = OwnProcess(("-m", WORKER), {**kept, "XLA_FLAGS": xla_flags(options)}, quiet=True)
+        except EndedError as error:
+            raise CompilationError(str(error)) from None
+        self._ask(None, None)
 
     def compile(self, job: Job, timeout: float | None) -> None:
         """Compile a program into its file.
@@ -77,50 +63,26 @@ class CompilerProcess:
             TimeoutError: it took longer than `timeout` seconds; the process has ended.
             CompilationError: it failed.
         """
-        request = {"program": job.program, "path": str(job.path), "key": dict(job.key)}
-        timed_out = threading.Event()
+        self._ask({"program": job.program, "path": str(job.path), "key": dict(job.key)}, timeout)
 
-        def end() -> None:
-            timed_out.set()
-            self.end()
-
-        timer = threading.Timer(timeout, end) if timeout else None
+    def _ask(self, request: Mapping[str, object] | None, timeout: float | None) -> None:
         try:
-            if timer:
-                timer.start()
-            questions = cast(IO[str], self._process.stdin)
-            questions.write(json.dumps(request) + "\n")
-            questions.flush()
-            self._answer()
-        except (OSError, CompilationError) as error:
-            if timed_out.is_set():
-                raise TimeoutError(f"compiling a program took longer than {timeout:g} s") from None
-            raise CompilationError(str(error)) from None
-        finally:
-            if timer:
-                timer.cancel()
-
-    def _answer(self) -> None:
-        line = cast(IO[str], self._process.stdout).readline()
-        if not line:
-            self.end()
-            raise CompilationError(f"the compiling process ended with status {self._process.wait()}")
-        try:
-            answer = json.loads(line)
-        except ValueError:  # such as a line that a sitecustomize of the user prints
-            self.end()
-            raise CompilationError(f"the compiling process answered {show(line.rstrip())}") from None
-        if error := answer.get("error"):
-            raise CompilationError(error)
+            answer, _ = self._process.ask(request, timeout)
+        except TimeoutError as error:
+            raise TimeoutError(f"compiling a program {error}") from None
+        except EndedError as error:
+            raise CompilationError(f"the compiling process {error}") from None
+        if error_text := answer.get("error"):
+            raise CompilationError(error_text)
 
     @property
     def runs(self) -> bool:
         """Whether the process is running."""
-        return self._process.poll() is None
+        return self._process.runs
 
     def end(self) -> None:
         """End the process, even during a compilation."""
-        end_process(self._process)
+        self._process.end()
 
 
 _idle: list[CompilerProcess] = []  # idle processes; they end by themselves after a while

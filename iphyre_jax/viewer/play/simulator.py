@@ -21,10 +21,11 @@ from typing import Any, Final
 
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation.cache_folder import CACHE_VARIABLE
+from iphyre_jax.execution.own_process import EndedError
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import scene_to_dict
 from iphyre_jax.viewer.play.guard import RefusedError
-from iphyre_jax.viewer.play.process import EndedError, PlayProcess
+from iphyre_jax.viewer.play.process import PlayProcess
 from iphyre_jax.viewer.plays import Play
 from iphyre_jax.viewer.record_program import RecordProgram
 from iphyre_jax.viewer.recording import Recording, record_program

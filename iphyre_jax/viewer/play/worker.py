@@ -4,8 +4,8 @@ Loaded programs take much memory (5 MB of a large scene's machine code take 200)
 process of its own can be ended, and gives all of it back.
 
 It reads a request a line, {"scene": contents of a scene file, "plan": steps, "fps": n, "dtype": name, "resets": n,
-"compile": whether it may}, and answers with a line and, after a play, with arrays: {"bytes": n, "result": fields,
-"memory": bytes} and n bytes of an NPZ; {"missing": true} for a program that had to be compiled; {"error": text,
+"compile": whether it may}, and answers with a line and, after a play, with arrays: {"result": fields, "memory": bytes,
+"bytes": n} and n bytes of an NPZ; {"missing": true} for a program that had to be compiled; {"error": text,
 "is_mistake": of the request}. It ends when its input ends, even during a compilation, or when it was idle for a while.
 """
 
@@ -37,9 +37,9 @@ def main() -> None:
     settings = json.loads(sys.argv[1])
     _limit(settings["memory"], settings["niceness"])
     answers, requests = open_answers(), request_lines()
-    _send(answers, {})
+    send(answers, {})
     while True:
-        _send(answers, *_answer(json.loads(next_request(requests, settings["idle"]))))
+        send(answers, *_answer(json.loads(next_request(requests, settings["idle"]))))
 
 
 def _limit(memory: int, niceness: int) -> None:
@@ -70,7 +70,7 @@ def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         return {"error": f"{type(error).__name__}: {error}".partition("\n")[0], "is_mistake": False}, b""
     content = _pack(recording)
     result = {name: getattr(recording, name) for name in RESULTS}
-    return {"bytes": len(content), "result": result, "memory": memory_in_use()}, content
+    return {"result": result, "memory": memory_in_use()}, content
 
 
 def _pack(recording: Recording) -> bytes:
@@ -86,10 +86,6 @@ def memory_in_use(process: int | None = None) -> int:
         return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, AttributeError):
         return 0
-
-
-def _send(answers: io.BufferedWriter, answer: dict[str, Any], content: bytes = b"") -> None:
-    send(answers, json.dumps(answer).encode() + b"\n" + content)
 
 
 if __name__ == "__main__":

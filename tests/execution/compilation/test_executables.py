@@ -205,7 +205,7 @@ def test_an_idle_compiler_ends_in_silence() -> None:
 def test_a_compiler_that_says_something_else_is_no_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the user's site prints: the plain way works then."""
     (tmp_path / "sitecustomize.py").write_text("print('welcome')")
-    monkeypatch.setattr(compiler, "import_path", lambda: str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(compiler.CompilationError, match=r"^the compiling process answered 'welcome'$"):
         compiler.CompilerProcess({})
 
@@ -244,7 +244,7 @@ def test_where_the_way_is_barred_the_plain_one_works(how: str, folder: Path, mon
     monkeypatch.setattr(executables, "_loaded", {})
     compiler.end_idle()
     if how == "no process":
-        monkeypatch.setattr(compiler.sys, "executable", "/nowhere/python")
+        monkeypatch.setattr(sys, "executable", "/nowhere/python")
         monkeypatch.setattr(executables, "options_for", lambda lanes: {"another": "key"})
     else:
         monkeypatch.setattr(executables, "options_for", lambda lanes: {"-no-such-option-of-llvm": "1"})

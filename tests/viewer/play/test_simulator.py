@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
+from iphyre_jax.execution.own_process import EndedError
 from iphyre_jax.scenes import Scene, scene_from_dict
 from iphyre_jax.viewer.play.guard import RefusedError
-from iphyre_jax.viewer.play.process import EndedError, PlayProcess
+from iphyre_jax.viewer.play.process import PlayProcess
 from iphyre_jax.viewer.play.simulator import Simulator, SimulatorLimits, _Place
 from iphyre_jax.viewer.play.worker import ARRAYS, RESULTS
 from iphyre_jax.viewer.plays import Play
@@ -164,9 +165,9 @@ def children(process: int) -> list[int]:
 def test_a_process_ends_when_it_is_idle_or_alone(idle: float | None, capfd: pytest.CaptureFixture[str]) -> None:
     process = PlayProcess({"memory": 0, "niceness": 0, "idle": idle}, {})
     if idle is None:
-        assert process._process.stdin is not None
-        process._process.stdin.close()  # as when the server is killed
-    assert process._process.wait(60) == 0
+        assert process._process._process.stdin is not None
+        process._process._process.stdin.close()  # as when the server is killed
+    assert process._process._process.wait(60) == 0
     assert not process.runs
     process.end()
     assert capfd.readouterr().err == ""

@@ -30,8 +30,7 @@ def _start_poses(scenes: Sequence[Scene], features: Features) -> Pose:
     """The poses of scenes before their first step, one a row of every array."""
     position = np.zeros((*features.mover.shape, 2), np.float32)
     for row, mover, scene in zip(position, np.asarray(features.mover), scenes, strict=True):
-        centres = np.concatenate([scene.blocks.mean(axis=1), scene.balls[:, :2]])
-        row[: (mover >= 0).sum()] = centres[mover[mover >= 0]]
+        row[: (mover >= 0).sum()] = scene.centres[mover[mover >= 0]]
     present = np.asarray(features.obs_rows)[..., 4] > 0
     x, y = position[..., 0], position[..., 1]
     return Pose(x, y, np.zeros_like(x), present, np.ones(len(scenes), bool))  # type: ignore[arg-type]
