@@ -83,9 +83,9 @@ def read_json_object(path: Path, max_bytes: int = MAX_JSON) -> dict[str, Any]:
         ValueError: it holds no JSON object; one line that names the file.
     """
     with path.open("rb") as file:
-        content = parse_json(file.read(max_bytes + 1), str(path), max_bytes)
+        content = parse_json(file.read(max_bytes + 1), one_line(str(path)), max_bytes)
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: expected an object, got {type(content).__name__}")
+        raise ValueError(f"{one_line(str(path))}: expected an object, got {show(content)}")
     return content
 
 

@@ -123,7 +123,7 @@ def is_published(folder: Path, config: TrainConfig) -> bool:
 
 
 def _changed_files(config: TrainConfig) -> bool:
-    """Whether the world model or the scene pool of a run is there, and is another one now."""
+    """Whether the scene pool of a run is another one now, or its world model, if that is there."""
     now = with_sum(without_sums(config))
     is_there = config.world_model and Path(config.prediction).is_dir()
     now = with_prediction_sum(now) if is_there else replace(now, prediction_sha256=config.prediction_sha256)

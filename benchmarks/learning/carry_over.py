@@ -29,12 +29,13 @@ from benchmarks.learning.carry_over_rows import (
     FRESH,
     FRESH_VARIATIONS,
     POOL,
+    PROPOSING,
     RANKED,
     REFINEMENTS,
     ROWS,
     TRAINED_ON,
     UNIONS,
-    VARIED,
+    WITH_UNIONS,
     Ranking,
     SceneFile,
     members,
@@ -51,7 +52,8 @@ from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
 from iphyre_jax.models.outcome.plays.augmented import scenes_of
-from iphyre_jax.models.outcome.ranker import stage_folder, trained_ranker
+from iphyre_jax.models.outcome.plays.proposals import proposals_of
+from iphyre_jax.models.outcome.ranker import Refinement, stage_folder, trained_ranker
 from iphyre_jax.models.outcome.storage import OutcomeClassifier, load_classifier, save_classifier
 from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
@@ -109,17 +111,28 @@ def scene_file(root: Path, of: SceneFile = POOL) -> Path:
 
 def fresh_scenes(root: Path, refinement: int) -> tuple[Scene, ...]:
     """Scenes of a refinement, which nothing has learned from before."""
-    fresh = load_generated(scene_file(root, FRESH[refinement - 1])).scenes
-    if refinement not in VARIED:
-        return fresh
-    varied = (scenes_of(game, FRESH_VARIATIONS, VARIED[refinement]) for game in SPLITS["basic"])
-    return (*fresh, *chain.from_iterable(varied))
+    files, variations, _ = FRESH[refinement - 1]
+    fresh = [load_generated(scene_file(root, file)).scenes for file in files]
+    if variations is not None:
+        fresh += [scenes_of(game, FRESH_VARIATIONS, variations) for game in SPLITS["basic"]]
+    return tuple(chain.from_iterable(fresh))
 
 
 def ranker_of(root: Path, fps: int, learned: Sequence[Scene], ranking: Ranking, console: Console) -> OutcomeClassifier:
     """The classifier of a rate, which serves all policies; what is missing is trained."""
-    fresh = [partial(fresh_scenes, root, number) for number in range(1, ranking.refinements + 1)]
-    return trained_ranker(root / f"{fps}fps" / RANKED, learned, ranker_config(fps), console, fresh)
+    propose = proposals_of(partial(_proposing, root, fps, console))
+    refinements = [
+        Refinement(partial(fresh_scenes, root, number), propose if one.by_policies else None)
+        for number, one in enumerate(FRESH[: ranking.refinements], 1)
+    ]
+    return trained_ranker(root / f"{fps}fps" / RANKED, learned, ranker_config(fps), console, refinements)
+
+
+def _proposing(root: Path, fps: int, console: Console) -> list[tuple[TrainConfig, State]]:
+    """The policies that propose plans; what is missing is trained."""
+    plain = rows(root, fps)[WITH_UNIONS]
+    found = [members(root, fps, WITH_UNIONS, plain, seed) for seed in range(PROPOSING)]
+    return [trained(folder, config, console) for one in found for folder, config in one.items()]
 
 
 def policy_of(runs_of_row: Mapping[Path, TrainConfig], console: Console) -> Policy:

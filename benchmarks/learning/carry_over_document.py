@@ -53,6 +53,10 @@ ABOUT: Final = {
     "with-unions": "`confident`, but policies and classifier learn from unions too: 15,000 generated scenes with the "
     "objects of two basic games each. They are among the policies' scenes, and those of a fourth refinement of the "
     "classifier; a fifth has 15,000 others and 1,000 variations of each basic game; at 10 steps a second",
+    "on-policy": "the policies of `with-unions`, and that classifier after two further refinements, each with 20,000 "
+    "further generated scenes, 15,000 unions and 1,000 variations of each basic game. Their plans are not random: the "
+    "five policies propose them. A second loss, of the plans of a scene as a list, asks that one that solves it comes "
+    "first; at 10 steps a second",
     "ppo-i-objects": "the shipped policy, the best of five seeds of `default` on basic and unseen basic games, "
     "trained at 10 steps a second",
     "ppo-i-objects-ranked": "the shipped policy with the shipped classifiers, `ranker-10fps` and `ranker-60fps`, and "

@@ -35,11 +35,40 @@ class SceneFile(NamedTuple):
 POOL: Final = SceneFile("pool", 20_000, 0)
 TRAINED_ON: Final = 19_000  # the first ones of the pool; the others are held out
 UNIONS: Final = SceneFile("unions", 15_000, 0, "unions")
+
+
+class Fresh(NamedTuple):
+    """What a refinement of a classifier plays.
+
+    Attributes:
+        files: its scenes, but for variations.
+        variations: seed of variations of the basic games; None for none.
+        by_policies: whether policies propose the plans; else they are random.
+    """
+
+    files: tuple[SceneFile, ...]
+    variations: int | None = None
+    by_policies: bool = False
+
+
+def _pool(seed: int) -> SceneFile:
+    return SceneFile(f"pool-{seed}", 20_000, seed)
+
+
+def _unions(seed: int) -> SceneFile:
+    return SceneFile(f"unions-{seed}", 15_000, seed, "unions")
+
+
 FRESH: Final = (  # of each refinement; those of seed 1 are for choices
-    *(SceneFile(f"pool-{seed}", 20_000, seed) for seed in (2, 3, 4)),
-    UNIONS,
-    SceneFile("unions-2", 15_000, 2, "unions"),
+    Fresh((_pool(2),)),
+    Fresh((_pool(3),)),
+    Fresh((_pool(4),), 30),
+    Fresh((UNIONS,)),
+    Fresh((_unions(2),), 50),
+    Fresh((_pool(5), _unions(3)), 70, by_policies=True),
+    Fresh((_pool(6), _unions(4)), 71, by_policies=True),
 )
+PROPOSING: Final = 5  # policies of WITH_UNIONS, seeds 0, 1, ..., that propose
 EVERY: Final = 64  # topologies at most; the generator knows fewer
 FEWER: Final = 1_000  # of those that ship, for the row with a small pool
 DEFAULT: Final = "default"
@@ -52,6 +81,7 @@ REFINED_DEFAULT: Final = "refined-default"  # that classifier, and the policies 
 REFINED_AGAIN: Final = "refined-again"  # those of CONFIDENT, and a classifier refined once more
 PAIRS: Final = "pairs"  # that classifier, and two policies as one
 WITH_UNIONS: Final = "with-unions"  # policies and classifier that learned from unions as well
+ON_POLICY: Final = "on-policy"  # those policies, and a classifier refined twice more, with plans of theirs
 POLICIES_OF: Final = MappingProxyType(  # rows with the policies of another one
     {
         ENSEMBLE: DEFAULT,
@@ -61,13 +91,13 @@ POLICIES_OF: Final = MappingProxyType(  # rows with the policies of another one
         REFINED_DEFAULT: DEFAULT,
         REFINED_AGAIN: LARGE_BATCH,
         PAIRS: LARGE_BATCH,
+        ON_POLICY: WITH_UNIONS,
     }
 )
-ONE_RATE: Final = (REFINED_DEFAULT, REFINED_AGAIN, PAIRS, WITH_UNIONS)
+ONE_RATE: Final = (REFINED_DEFAULT, REFINED_AGAIN, PAIRS, WITH_UNIONS, ON_POLICY)
 MEMBERS: Final = MappingProxyType({ENSEMBLE: 4, PAIRS: 2})  # policies as one; more were no better
 FIRST_REFINEMENTS: Final = MappingProxyType({10: 2, 60: 1})  # of each rate's classifier before REFINED_AGAIN
-REFINEMENTS: Final = MappingProxyType({10: 5, 60: 1})  # of each rate's classifier that ships
-VARIED: Final = MappingProxyType({3: 30, 5: 50})  # refinements with variations of the basic games too, and their seeds
+REFINEMENTS: Final = MappingProxyType({10: len(FRESH), 60: 1})  # of each rate's classifier that ships
 FRESH_VARIATIONS: Final = 1_000  # so many of each game
 
 
@@ -90,7 +120,8 @@ def ranking_of(name: str, fps: int) -> Ranking | None:
         CONFIDENT: confident,
         REFINED_AGAIN: Ranking(3),
         PAIRS: Ranking(3),
-        WITH_UNIONS: Ranking(len(FRESH)),
+        WITH_UNIONS: Ranking(5),
+        ON_POLICY: Ranking(len(FRESH)),
     }
     return found.get(name)
 
@@ -138,7 +169,7 @@ def members(root: Path, fps: int, name: str, plain: TrainConfig, seed: int) -> d
 def ranker_config(fps: int, refinements: int = 0) -> OutcomeConfig:
     """Settings of a rate's classifier, or of its refinements."""
     plain = replace(outcome_settings("ranker"), fps=fps, resets=RESETS[fps])
-    return refined(plain) if refinements else plain
+    return refined(plain, by_policies=FRESH[refinements - 1].by_policies) if refinements else plain
 
 
 ROWS: Final = tuple(rows(Path(), OFFICIAL_FPS))  # all names

@@ -143,7 +143,7 @@ def run(command: TrainingCommand, console: Console) -> int:
 def _run(command: TrainingCommand, console: Console) -> int:
     """Run a training command and return the exit code; INTERRUPTED if a signal ended it early."""
     if isinstance(command, Train):
-        command.config.check()
+        command.config.check_start()
         folder = command.out or runs.default_path(command.config)
         with compiled_ahead(command.config, _others(command.config) if command.evaluate else ()):
             return _finish(loop.train(command.config, folder, console), console, command.evaluate)

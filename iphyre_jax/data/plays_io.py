@@ -133,8 +133,8 @@ def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> N
         if not _is_game(scene):
             raise ValueError(f"plays[{number}]: expected a game of the package, got the scene {show(scene.name)}")
         executed = [(step, block) for step, block in zip(play.plan, scene.eliminable_blocks, strict=True) if step >= 0]
-        last = int(str(result["steps"]))
-        clicks = [[*scene.centres[block].tolist(), clock[step]] for step, block in sorted(executed) if step < last]
+        last, centres = int(str(result["steps"])), scene.centres
+        clicks = [[*centres[block].tolist(), clock[step]] for step, block in sorted(executed) if step < last]
         episode = counts[play.agent, scene.name] = counts.get((play.agent, scene.name), -1) + 1
         fields = (play.agent, scene.name, episode, clicks, result["reward"])
         lines.append(json.dumps(dict(zip(FIELDS, fields, strict=True))))

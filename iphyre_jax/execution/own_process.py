@@ -10,9 +10,11 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any, Final, cast
 
 from iphyre_jax.checks import show
+
+MAX_BYTES: Final = 2**30  # behind an answer: more than any play or chunk of scenes has
 
 
 class EndedError(RuntimeError):
@@ -82,10 +84,15 @@ class OwnProcess:
                 questions.write(json.dumps(request).encode() + b"\n")
                 questions.flush()
             return self._answer()
-        except (OSError, ValueError, EndedError) as error:  # ValueError: another thread has closed the pipes
+        except (OSError, ValueError):  # it does not read, or another thread has closed the pipes
+            status = self.end()
             if timed_out.is_set():
                 raise TimeoutError(f"took longer than {seconds:g} s") from None
-            raise EndedError(str(error)) from None
+            raise EndedError(f"ended with status {status}") from None
+        except EndedError:
+            if timed_out.is_set():
+                raise TimeoutError(f"took longer than {seconds:g} s") from None
+            raise
         finally:
             if timer is not None:
                 timer.cancel()
@@ -93,7 +100,7 @@ class OwnProcess:
     def _answer(self) -> tuple[dict[str, Any], bytes]:
         answers = cast(IO[bytes], self._process.stdout)
         if (line := answers.readline()).endswith(b"\n"):
-            fields = _object_in(line)
+            fields = _answer_in(line)
             if fields is None:  # such as a line that a sitecustomize of the user prints
                 self.end()
                 raise EndedError(f"answered {show(line.decode(errors='replace').rstrip())}")
@@ -112,12 +119,14 @@ class OwnProcess:
         return status
 
 
-def _object_in(line: bytes) -> dict[str, Any] | None:
+def _answer_in(line: bytes) -> dict[str, Any] | None:
+    """The fields of an answer; None if the line is none."""
     try:
         fields = json.loads(line)
     except ValueError:
         return None
-    return fields if isinstance(fields, dict) else None
+    size = fields.get("bytes", 0) if isinstance(fields, dict) else None
+    return fields if isinstance(size, int) and 0 <= size < MAX_BYTES else None
 
 
 def import_path() -> str:

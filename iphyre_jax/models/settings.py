@@ -48,7 +48,8 @@ def settings_of(kind: type[S], content: object, source: str) -> S:
         ValueError: one line that begins with `source`; a setting is missing, unknown or wrong.
     """
     names = {field.name for field in dataclasses.fields(cast(Any, kind))}
-    if not isinstance(content, dict) or set(content) != names:
+    needed = names - set(getattr(kind, "LATER", ()))
+    if not isinstance(content, dict) or not needed <= set(content) <= names:
         raise ValueError(f"{source}: settings: expected {', '.join(sorted(names))}, got {show(content)}")
     config = kind(**content)
     try:

@@ -52,7 +52,7 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         ValueError: one line; the folder is not empty, or the scene pool is not what it should be.
         OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
-    config.check()
+    config.check_start()
     config = with_prediction_sum(with_sum(config))
     runs.make_folder(folder)
     with locked(folder):

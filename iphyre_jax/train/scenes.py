@@ -17,18 +17,13 @@ TRIES: Final = 200  # draws of a variation at most; angle has the fewest valid o
 STREAM: Final = 7919  # added to the seed, so that variations draw other numbers than anything else
 
 
-def groups_of(config: TrainConfig) -> tuple[int, int]:
-    """How many groups of episodes each game has in an update, and how many of them it leaves to the pool's scenes."""
-    return config.groups, max(1, round(config.pool_share * config.groups)) if config.scene_pool else 0
-
-
 def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Scene], int]:
     """The scenes of an update but those of the pool, game by game, and the number of episodes of each.
 
     Without variations these are the games. With them, a game shares its episodes with variations of it, about GROUP
     episodes each. Seed and update decide which. A pool gets its share of every game's groups.
     """
-    groups, left = groups_of(config)
+    groups, left = config.groups, config.pool_groups
     rng = np.random.default_rng([config.seed, update])
     scenes = (_of_game(config, game, groups, groups - left, rng) for game in config.training_games)
     return tuple(chain.from_iterable(scenes)), config.episodes_per_scene // groups

@@ -12,7 +12,7 @@ import numpy as np
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import PolicyOutput, rollout_collector
 from iphyre_jax.train.pool import draw_scenes, open_pool, recorded, start_curriculum
-from iphyre_jax.train.scenes import groups_of, training_scenes
+from iphyre_jax.train.scenes import training_scenes
 from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("update", "episodes", "decisions", "reward", "success", "greedy_reward", "faults")
@@ -80,7 +80,7 @@ class Trainer:
         scenes, episodes = training_scenes(config, update)
         which: np.ndarray[Any, np.dtype[np.integer[Any]]] = np.zeros(0, np.int64)
         if self._pool is not None:
-            count = len(config.training_games) * groups_of(config)[1]
+            count = len(config.training_games) * config.pool_groups
             which = draw_scenes(self._pool, state.curriculum, count, config, update)
             scenes = [*scenes, *(self._pool.scenes[k] for k in which)]
         same = not (config.variations or config.scene_pool)

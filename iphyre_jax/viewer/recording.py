@@ -110,7 +110,19 @@ class Recording:
         return last
 
 
-def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "float64", resets: int = 1) -> Recording:
+class NotCompiledError(RuntimeError):
+    """A recording needs a program that has to be compiled."""
+
+
+def record(
+    scene: Scene,
+    plan: npt.ArrayLike,
+    *,
+    fps: int = 60,
+    dtype: str = "float64",
+    resets: int = 1,
+    may_compile: bool = True,
+) -> Recording:
     """Play one plan and keep every frame.
 
     Runs on the host and gives the same result as `simulate`; in float64 all bits are equal.
@@ -122,9 +134,11 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         fps: physics steps a second, a whole number of at most 100,000, if the scene allows as many steps as 15 s take.
         dtype: number type of the physics, "float64" or "float32".
         resets: number of the reset in a reused space, 1 to 2**31 - 1; 1 is a fresh space.
+        may_compile: whether a program may be compiled that is neither in memory nor in the cache folder.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
+        NotCompiledError: a program is missing and may not be compiled.
     """
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
     dtype, resets = check_dtype(dtype), check_resets(resets)
@@ -137,6 +151,8 @@ def record(scene: Scene, plan: npt.ArrayLike, *, fps: int = 60, dtype: str = "fl
         program = replace(first, topology=replace(topology, slots=slots))
         frame = 3 * 8 * (5 * scene.n_objects + 2 * slots)  # as JAX's, as NumPy's, and cut to the length
         check_memory("fps", program.length * frame, "record at a lower rate")
+        if not may_compile and not load_cached(program):
+            raise NotCompiledError
         counts, *frames = executable(program)(words, padded, programs.pack_timing(step_timing(rate, dtype)))
         success, made, eliminations, fault = counts.tolist()
         if fault != FAULT_OVERFLOW:
@@ -153,14 +169,6 @@ def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> Re
     if length > (limit := topology.max_steps):
         raise ValueError(f"fps: expected at most {limit} steps in {TIME_LIMIT:g} s for this scene, got {length}")
     return RecordProgram(topology, check_dtype(dtype), scene.limits.blocks, length)
-
-
-def is_compiled(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> bool:
-    """Return whether `record` has its program, in memory or now loaded from the cache folder.
-
-    A play that needs more contact slots than the topology has may need another one.
-    """
-    return load_cached(record_program(scene, fps=fps, dtype=dtype))
 
 
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:

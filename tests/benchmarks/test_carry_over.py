@@ -39,6 +39,7 @@ DIFFER = {
     "refined-again": LARGE_BATCH,
     "pairs": LARGE_BATCH,
     "with-unions": LARGE_BATCH,
+    "on-policy": LARGE_BATCH,
 }
 
 
@@ -63,7 +64,8 @@ def test_rows_differ_in_one_thing(fps: int) -> None:
         config.check()
         assert config.fps == fps
         assert config.training_games == SPLITS["basic"]
-        own = carry_over_rows.UNIONS.scenes if name == carry_over_rows.WITH_UNIONS else 0  # before those of the pool
+        of = carry_over_rows.POLICIES_OF.get(name, name)
+        own = carry_over_rows.UNIONS.scenes if of == carry_over_rows.WITH_UNIONS else 0  # before those of the pool
         most = own + carry_over_rows.TRAINED_ON
         assert config.pool_scenes <= most < own + carry_over_rows.POOL.scenes or not config.scene_pool
         differ = {one.name for one in fields(base) if getattr(base, one.name) != getattr(config, one.name)}
@@ -102,6 +104,7 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
         ("large-batch", "confident"),
         ("large-batch", "refined-again"),
         ("default", "refined-default"),
+        ("with-unions", "on-policy"),
     ):
         runs = [carry_over_rows.members(Path(), 10, name, plain[name], 2) for name in pair]
         assert runs[0] == runs[1] != {}
@@ -146,15 +149,22 @@ def test_each_refinement_has_scenes_of_its_own(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(carry_over, "scene_file", lambda root, of: files.append(of) or Path())
     monkeypatch.setattr(carry_over, "load_generated", lambda file: SimpleNamespace(scenes=generated))
     monkeypatch.setattr(carry_over, "FRESH_VARIATIONS", 12)
-    fresh = [carry_over.fresh_scenes(Path(), number) for number in (1, 2, 3, 4)]
+    fresh = [carry_over.fresh_scenes(Path(), number) for number in (1, 2, 3, 4, 6)]
     assert fresh[0] == fresh[1] == fresh[3] == generated
     assert 110 < len(fresh[2]) <= 121  # with variations; a few draws give no valid scene
+    assert fresh[4][:2] == generated * 2
+    assert set(fresh[4]) & set(fresh[2]) == set(generated)
     assert [(file.name, file.seed, file.kind) for file in files] == [
         ("pool-2", 2, "elements"),
         ("pool-3", 3, "elements"),
         ("pool-4", 4, "elements"),
         ("unions", 0, "unions"),
+        ("pool-5", 5, "elements"),
+        ("unions-3", 3, "unions"),
     ]
+    every = [file for one in carry_over_rows.FRESH for file in one.files]
+    assert len(set(every)) == len(every)
+    assert all(file.seed != 1 for file in every)
     assert carry_over_rows.POOL not in files
 
 

@@ -17,7 +17,7 @@ from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train import collect, loop, pool, trainer
 from iphyre_jax.train.pool import Curriculum, ScenePool, draw_scenes, open_pool, recorded, scene_weights, with_sum
-from iphyre_jax.train.scenes import groups_of, training_scenes
+from iphyre_jax.train.scenes import training_scenes
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.checks import GROUP
 from iphyre_jax.train.settings.run import TrainConfig
@@ -158,7 +158,7 @@ def test_an_update_has_few_topologies_and_no_scene_twice() -> None:
 
 
 def test_a_pool_takes_its_share_of_every_game(tiny: TrainConfig) -> None:
-    assert groups_of(tiny) == (2, 1)
+    assert (tiny.groups, tiny.pool_groups) == (2, 1)
     assert training_scenes(tiny, 1) == (("support", "hole"), GROUP)
     assert training_scenes(replace(tiny, pool_share=1.0), 1) == ((), GROUP)
     varied = replace(tiny, variations=4, episodes_per_scene=4 * GROUP, pool_share=0.5)

@@ -7,7 +7,7 @@ import pytest
 
 from iphyre_jax import Scene, load_scene, simulate
 from iphyre_jax.scenes.compile import topology_of
-from iphyre_jax.viewer.recording import Recording, record
+from iphyre_jax.viewer.recording import NotCompiledError, Recording, record
 
 HOLE = load_scene("hole")
 SOLVES = [-1, -1, 83, 32]
@@ -105,7 +105,10 @@ def test_a_play_that_needs_more_contacts_has_them() -> None:
         eliminable=[False] * 7,
         dynamic=[False] * 6 + [True],
     )
+    with pytest.raises(NotCompiledError):
+        record(crowded, [], fps=10, may_compile=False)
     made, played = record(crowded, [], fps=10), simulate(crowded, [[]], fps=10, dtype="float64")
+    assert record(crowded, [], fps=10, may_compile=False).steps == made.steps
     assert (made.fault, made.steps, made.reward) == (0, int(played.steps[0]), float(played.reward[0]))
     assert made.contacts.shape[1] > topology_of(crowded).slots
 

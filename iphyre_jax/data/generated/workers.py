@@ -110,6 +110,8 @@ class ChunkProcess:
             environment = {**os.environ, "IPHYRE_JAX_CACHE": str(folder or "off")}
             self._running = OwnProcess([*COMMAND, *self._arguments], environment)
         _, content = self._running.ask({"chunk": number})
+        if not content:
+            raise EndedError("answered nothing")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return dict(arrays)
 

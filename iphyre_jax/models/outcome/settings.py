@@ -4,9 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Final, Literal, get_args
+from typing import Any, ClassVar, Final, Literal, get_args
 
-from iphyre_jax.checks import check_flag, check_option, check_positive, check_resets, check_whole, show, whole_fps
+from iphyre_jax.checks import (
+    check_flag,
+    check_least,
+    check_option,
+    check_positive,
+    check_resets,
+    check_whole,
+    show,
+    whole_fps,
+)
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS
 
 NetworkName = Literal["global", "object", "vision", "plan", "scene", "relations", "ranker"]
@@ -48,7 +57,10 @@ class OutcomeConfig:
         width: features of each object, of "relations" and "ranker" alone.
         rounds: of attention, of "relations" and "ranker" alone.
         chunk: epochs between checkpoints.
+        listwise: weight of a second loss, of a scene's plans as a list, beside the cross entropy of each; 0 for none.
     """
+
+    LATER: ClassVar = ("listwise",)  # settings that files have only if they are not the default
 
     preset: PresetName = "paper"
     network: NetworkName = "global"
@@ -73,6 +85,7 @@ class OutcomeConfig:
     width: int = 32
     rounds: int = 3
     chunk: int = 20
+    listwise: float = 0.0
 
     def check(self) -> None:
         """Refuse settings that cannot work.
@@ -98,6 +111,7 @@ class OutcomeConfig:
         if self.batch_size % self.plans_per_scene:
             expected = f"a divisor of batch_size, {self.batch_size}"
             raise ValueError(f"plans_per_scene: expected {expected}, got {show(self.plans_per_scene)}")
+        check_least("listwise", self.listwise, 0)
         if self.plans_per_scene > 1 and not self.draws:
             raise ValueError("draws: expected plays of an epoch, as plans_per_scene is above 1, got 0")
         if self.epochs % self.chunk:
@@ -114,7 +128,7 @@ class OutcomeConfig:
 
     def to_json(self) -> dict[str, Any]:
         """The settings as a JSON object."""
-        return dataclasses.asdict(self)
+        return {name: value for name, value in dataclasses.asdict(self).items() if name not in self.LATER or value}
 
 
 # Cleaned up: scaled times, one anneal, every game and class counts alike, and a network chosen on held-out plays.

@@ -21,6 +21,7 @@ from iphyre_jax.models.outcome.settings import OutcomeConfig
 BLOCK: Final = 2048  # plans judged at once
 GROUP: Final = 128  # plans of one scene judged at once, or a multiple of these
 SCENES: Final = 20  # judged at once, each with its group of plans
+LEAST: Final = -1e9  # a score that never counts; an infinite one has no gradient
 
 Params = Any  # a network's tree of arrays
 
@@ -115,7 +116,7 @@ def _loss(
 ) -> tuple[jax.Array, jax.Array]:
     """Weighted cross entropy and accuracy. The paper's binary one on two softmax outputs is the same number.
 
-    Plays come one by one, or as (B, P): P of a scene, which is then encoded once.
+    Plays come one by one, or as (B, P): P of a scene, which is then encoded once, and may be learned as a list too.
     """
     game = batch.game if batch.game.ndim == 1 else batch.game[:, 0]
     rows = mirror_rows(jnp.asarray(scenes.rows)[game], which)
@@ -123,7 +124,22 @@ def _loss(
     each = optax.softmax_cross_entropy_with_integer_labels(found, batch.label)
     total = jnp.maximum(batch.weight.sum(), 1e-9)
     right = (found.argmax(axis=-1) == batch.label).astype(jnp.float32)
-    return (each * batch.weight).sum() / total, (right * batch.weight).sum() / total
+    loss = (each * batch.weight).sum() / total
+    if config.listwise and batch.label.ndim == 2:
+        loss += config.listwise * _listwise_loss(found[..., 1] - found[..., 0], batch.label == 1)
+    return loss, (right * batch.weight).sum() / total
+
+
+def _listwise_loss(score: jax.Array, solves: jax.Array) -> jax.Array:
+    """Minus the log of the chance that a scene's best plan solves it, if plans (B, P) are drawn by exp(score).
+
+    The mean over scenes of which some plans solve and some fail. Source: the top-one probability of ListNet (Cao et al.
+    2007).
+    """
+    solved = jax.nn.logsumexp(jnp.where(solves, score, LEAST), axis=1)
+    both = solves.any(axis=1) & ~solves.all(axis=1)
+    each = jnp.where(both, jax.nn.logsumexp(score, axis=1) - solved, 0.0)
+    return each.sum() / jnp.maximum(both.sum(), 1)
 
 
 def _one_epoch(

@@ -62,6 +62,22 @@ def check_config(config: TrainConfig) -> None:
     _check_learner(config)
 
 
+def check_start(config: TrainConfig) -> None:
+    """Refuse settings that run and do not learn what they say; older runs with such settings can still be read."""
+    learner = config.learner
+    if config.scene_pool and config.pool_share < 1:
+        expected = f"more, of which the games keep a group of {GROUP} beside a pool_share of {config.pool_share:g}"
+        _require(config, "episodes_per_scene", config.pool_groups < config.groups, expected)
+    for entry in dataclasses.fields(learner):
+        if (most := entry.metadata.get("most")) is not None:
+            _require(learner, entry.name, getattr(learner, entry.name) <= most, f"at most {most}")
+    if isinstance(learner, OffPolicy):
+        kept = learner.capacity(config.decisions_per_update)
+        _require(learner, "warmup", learner.warmup <= kept, f"at most {kept}, the transitions that are kept")
+    if isinstance(learner, DQN):
+        _require(learner, "no_op_prob", 0 < learner.no_op_prob < 1, "a number between 0 and 1")
+
+
 def _require(record: object, name: str, holds: bool, expected: str) -> None:
     """Raise the one-line error of a field unless its condition holds."""
     if not holds:
@@ -115,9 +131,6 @@ def _check_pool(config: TrainConfig) -> None:
     for name in ("pool_scenes", "pool_topologies"):
         _require(config, name, getattr(config, name) >= 1, "at least 1")
     _require(config, "pool_share", 0 < config.pool_share <= 1, "a number above 0 and at most 1")
-    if config.scene_pool and config.pool_share < 1:
-        expected = f"at least {2 * GROUP} where pool and games share them, or a pool_share of 1"
-        _require(config, "episodes_per_scene", config.groups >= 2, expected)
 
 
 def _check_prediction(config: TrainConfig) -> None:
@@ -143,18 +156,12 @@ def _check_learner(config: TrainConfig) -> None:
         positive, least = "positive" in entry.metadata, entry.metadata.get("least", 0)
         finite = least <= value < float("inf") and (value > 0 or not positive)
         _require(learner, entry.name, finite, "a positive number" if positive else f"a number not below {least}")
-        most = entry.metadata.get("most", float("inf") if isinstance(value, float) else MAX_COUNT)
-        _require(learner, entry.name, value <= most, f"at most {most}")
+        _require(learner, entry.name, isinstance(value, float) or value <= MAX_COUNT, f"at most {MAX_COUNT}")
     _check_literals(learner)
     if isinstance(learner, PolicyGradient):
         if config.strategy != "in-advance" and not learner.samples_per_update:
             raise ValueError("samples_per_update: expected a number of decisions unless in advance, got 0")
         _check_minibatches(config, learner)
-    if isinstance(learner, OffPolicy):
-        kept = learner.capacity(config.decisions_per_update)
-        _require(learner, "warmup", learner.warmup <= kept, f"at most {kept}, the transitions that are kept")
-    if isinstance(learner, DQN):
-        _require(learner, "no_op_prob", 0 < learner.no_op_prob < 1, "a number between 0 and 1")
 
 
 def _check_groups(config: TrainConfig) -> None:

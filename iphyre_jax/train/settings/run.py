@@ -11,7 +11,7 @@ from iphyre_jax.envs.strategies import StrategyName, strategy_named
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import SPLITS
 from iphyre_jax.train.settings.agents import PPO, AgentName, HeadName, Settings
-from iphyre_jax.train.settings.checks import GROUP, check_config
+from iphyre_jax.train.settings.checks import GROUP, check_config, check_start
 from iphyre_jax.train.settings.presets import AGENTS, PresetName
 
 ZEROS, PERFECT = "zeros", "perfect"  # predictions that no world model makes
@@ -138,6 +138,15 @@ class TrainConfig:
         """
         check_config(self)
 
+    def check_start(self) -> None:
+        """Refuse what cannot work, and what would not learn what its settings say; a new run calls this.
+
+        Raises:
+            ValueError: one line naming the field and what was expected.
+        """
+        check_config(self)
+        check_start(self)
+
     @property
     def training_games(self) -> tuple[str, ...]:
         """The games to train on."""
@@ -157,6 +166,11 @@ class TrainConfig:
     def groups(self) -> int:
         """Groups of episodes of each game in an update, one scene each; 1 if only the games are played."""
         return max(1, self.episodes_per_scene // GROUP) if self.variations or self.scene_pool else 1
+
+    @property
+    def pool_groups(self) -> int:
+        """Groups of each game that go to scenes of the pool: about its share, and at least one."""
+        return max(1, round(self.pool_share * self.groups)) if self.scene_pool else 0
 
     @property
     def pool_paths(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from iphyre_jax.execution.requests import next_request, open_answers, request_lines, send
 from iphyre_jax.scenes import scene_from_dict
-from iphyre_jax.viewer.recording import Recording, is_compiled, record
+from iphyre_jax.viewer.recording import NotCompiledError, Recording, record
 
 ARRAYS: Final = ("poses", "velocities", "contacts")
 RESULTS: Final = ("success", "steps", "eliminations", "reward", "fault")
@@ -56,12 +56,12 @@ def _limit(memory: int, niceness: int) -> None:
 
 def _answer(request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
     """Play, unless the program is missing and must not be compiled."""
-    settings = {"fps": request["fps"], "dtype": request["dtype"]}
+    settings = {name: request[name] for name in ("fps", "dtype", "resets")}
     try:
         scene = scene_from_dict(request["scene"])
-        if not request["compile"] and not is_compiled(scene, **settings):
-            return {"missing": True}, b""
-        recording = record(scene, request["plan"], resets=request["resets"], **settings)
+        recording = record(scene, request["plan"], may_compile=request["compile"], **settings)
+    except NotCompiledError:
+        return {"missing": True}, b""
     except ValueError as error:
         return {"error": str(error), "is_mistake": True}, b""
     except MemoryError:

@@ -85,13 +85,21 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         FLY | {"games": ("hole",), "episodes_per_scene": 4, "learner": PPO(samples_per_update=8192, minibatches=32)},
         "minibatches: expected a divisor of 600 decisions an update, got 32",
     ),
-    "too few episodes to share": (
-        {"scene_pool": "pool.npz", "episodes_per_scene": 32},
-        "episodes_per_scene: expected at least 64 where pool and games share them, or a pool_share of 1, got 32",
-    ),
     "narrow attention": (
         {"network": "objects", "hidden_sizes": (8, 3)},
         r"hidden_sizes: expected widths of at least 4, the heads of attention, got a list of 2",
+    ),
+    "no topology": ({"pool_topologies": 0}, "pool_topologies: expected at least 1"),
+}
+
+USELESS: dict[str, tuple[dict[str, Any], str]] = {
+    "too few episodes to share": (
+        {"scene_pool": "pool.npz", "episodes_per_scene": 32},
+        "episodes_per_scene: expected more, of which the games keep a group of 32 beside a pool_share of 0.5, got 32",
+    ),
+    "a share that leaves nothing": (
+        {"scene_pool": "pool.npz", "episodes_per_scene": 64, "pool_share": 0.75},
+        "episodes_per_scene: expected more, of which the games keep a group of 32 beside a pool_share of 0.75, got 64",
     ),
     "discount": ({"learner": PPO(gamma=5.0)}, "gamma: expected at most 1, got 5.0"),
     "lambda": ({"learner": PPO(gae_lambda=3.0)}, "gae_lambda: expected at most 1, got 3.0"),
@@ -104,8 +112,18 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         FLY | {"agent": "dqn", "head": "categorical", "learner": DQN(no_op_prob=0.0)},
         "no_op_prob: expected a number between 0 and 1, got 0.0",
     ),
-    "no topology": ({"pool_topologies": 0}, "pool_topologies: expected at least 1"),
 }
+
+
+@pytest.mark.parametrize("case", USELESS)
+def test_a_run_that_would_not_learn_what_it_says_does_not_start(case: str) -> None:
+    """Runs of earlier versions with such settings can be read."""
+    values, message = USELESS[case]
+    config = TrainConfig(**values)
+    assert config_from_json(json.loads(json.dumps(config.to_json())), "run") == config
+    with pytest.raises(ValueError, match=message) as caught:
+        config.check_start()
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("case", BAD)

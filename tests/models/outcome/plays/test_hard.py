@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from iphyre_jax.models.outcome import ranker, runs, training
-from iphyre_jax.models.outcome.plays import hard, pool
+from iphyre_jax.models.outcome import ranker, runs, storage, training
+from iphyre_jax.models.outcome.plays import hard, pool, proposals
 from iphyre_jax.models.outcome.plays.inputs import Plans, plan_inputs, scene_inputs
 from iphyre_jax.models.outcome.settings import settings
 from iphyre_jax.scenes import load_scene
+from iphyre_jax.train.observations import start_observations
+from iphyre_jax.train.storage.pretrained import load_pretrained
 
 QUIET = Console(quiet=True)
 SCENES = [load_scene(game) for game in ("support", "hinder", "hole")]
@@ -83,7 +85,7 @@ def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(runs, "train", spy)
     plain = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET)
-    fresh = [lambda: SCENES] * 2
+    fresh = [ranker.Refinement(lambda: SCENES)] * 2
     found = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET, fresh)
     assert len(started) == 3
     assert started[0][0] is None
@@ -97,6 +99,43 @@ def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyP
     assert not np.array_equal(leaves[0], leaves[1])
     assert not np.array_equal(leaves[1], leaves[2])
     monkeypatch.setattr(runs, "train", lambda *_: pytest.fail("trained again"))
-    fresh = [lambda: pytest.fail("generated again")] * 2
+    fresh = [ranker.Refinement(lambda: pytest.fail("generated again"))] * 2
     again = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET, fresh)
     jax.tree.map(np.testing.assert_array_equal, again.params, found.params)
+
+
+def test_refinements_by_policies_learn_from_their_own_plays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """They need the ranker before them, and nothing that it learned from."""
+    monkeypatch.setattr(ranker, "HELD", 3)
+    monkeypatch.setattr(ranker, "REFINED_EPOCHS", 1)
+    monkeypatch.setattr(ranker, "pool_plays", lambda *_: pytest.fail("played random plans"))
+    scenes = scene_inputs(SCENES, CONFIG)
+    before = storage.OutcomeClassifier("ranker-10fps", ranker.refined(CONFIG), initial(scenes), {})
+    storage.save_classifier(before, ranker.stage_folder(tmp_path, 1))
+    asked: list[int] = []
+
+    def propose(scenes: Any, count: int, rng: np.random.Generator) -> Any:
+        asked.append(count)
+        return proposals.random_proposals(scenes, count, rng)
+
+    random, by_policy = (ranker.Refinement(lambda: SCENES, one) for one in (None, propose))
+    one = ranker.trained_ranker(tmp_path, SCENES, CONFIG, QUIET, [random, by_policy])
+    two = ranker.trained_ranker(tmp_path, SCENES, CONFIG, QUIET, [random, by_policy, by_policy])
+    assert asked == [hard.DRAWN] * 2
+    each = (hard.BEST + hard.OTHERS) * 2  # of three scenes, one of which is held out
+    assert [found.origin["plays"] for found in (one, two)] == [each, 2 * each]
+
+
+def test_policies_propose_their_greedy_plan_and_samples() -> None:
+    policy = load_pretrained("ppo-i-objects")
+    loads: list[int] = []
+    propose = proposals.proposals_of(lambda: loads.append(1) or [(policy.config, policy.state)] * 2)  # type: ignore[func-returns-value]
+    for seed in (0, 0, 1):
+        times = propose(SCENES, 40, np.random.default_rng(seed))
+        assert times.shape == (3, 40, 6)
+        greedy = 15 * policy.greedy(start_observations("in-advance", "official", SCENES))
+        np.testing.assert_allclose(np.nan_to_num(times[:, 0]), greedy, atol=1e-5)
+        assert (np.isnan(times) == np.isnan(times[:, :1])).all() is np.False_  # samples differ
+        assert np.isnan(times[0, :, 2:]).all()  # support has two blocks
+        np.testing.assert_allclose(times * 10, np.rint(times * 10), atol=1e-4)
+    assert loads == [1]
