@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -127,6 +127,6 @@ def stage_folder(folder: Path, refinements: int) -> Path:
 def _loaded(folder: Path, config: OutcomeConfig) -> storage.OutcomeClassifier:
     ranker = storage.load_classifier(config.name, folder)
     if ranker.config != config:
-        name = next(name for name, value in config.to_json().items() if ranker.config.to_json()[name] != value)
+        name = next(one.name for one in fields(config) if getattr(config, one.name) != getattr(ranker.config, one.name))
         raise ValueError(f"{folder}: {name}: expected that of these settings, found another; remove the folder")
     return ranker

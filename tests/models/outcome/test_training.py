@@ -12,7 +12,8 @@ from rich.console import Console
 
 from iphyre_jax.models.outcome import metrics, runs, storage, training
 from iphyre_jax.models.outcome.agent import draw_randomly, ranking_agent
-from iphyre_jax.models.outcome.settings import settings
+from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
+from iphyre_jax.models.settings import settings_of
 from iphyre_jax.models.storage import METRICS
 from tests.models.outcome.made_up import made_up
 
@@ -86,6 +87,28 @@ def test_evaluates_ships_and_plays(trained: tuple[Path, training.OutcomeState], 
     damaged.write_bytes(damaged.read_bytes()[:-1])
     with pytest.raises(ValueError, match="damaged"):
         storage.load_classifier("clean-plan", tmp_path)
+
+
+def test_a_list_is_right_if_a_plan_that_solves_comes_first() -> None:
+    """By hand; a scene all of whose plans solve, or fail, has nothing to say."""
+    score = np.log(np.array([[1.0, 3.0, 4.0], [5.0, 1.0, 2.0], [5.0, 1.0, 2.0], [9.0, 1.0, 2.0]]))
+    solves = np.array([[False, True, True], [True, False, False], [False] * 3, [True] * 3])
+    found, gradient = jax.value_and_grad(training._listwise_loss)(score, solves)
+    assert found == pytest.approx((np.log(8 / 7) + np.log(8 / 5)) / 2)
+    assert np.isfinite(gradient).all()
+    assert (gradient[:2][solves[:2]] < 0).all()  # a step down makes plans that solve come sooner
+    assert (gradient[2:] == 0).all()
+
+
+def test_files_of_before_have_no_weight_of_the_list() -> None:
+    plain, listed = settings("ranker"), dataclasses.replace(settings("ranker"), listwise=0.5)
+    assert "listwise" not in plain.to_json()
+    for config in (plain, listed):
+        assert settings_of(OutcomeConfig, config.to_json(), "run") == config
+    with pytest.raises(ValueError, match=r"^run: settings: expected batch_size, .*, width, got an object of"):
+        settings_of(OutcomeConfig, {k: v for k, v in plain.to_json().items() if k != "width"}, "run")
+    with pytest.raises(ValueError, match=r"^listwise: expected a finite number of at least 0, got -1$"):
+        dataclasses.replace(plain, listwise=-1).check()
 
 
 def test_swinging_rate() -> None:
