@@ -121,7 +121,7 @@ def ranking_of(name: str, fps: int) -> Ranking | None:
         REFINED_AGAIN: Ranking(3),
         PAIRS: Ranking(3),
         WITH_UNIONS: Ranking(5),
-        ON_POLICY: Ranking(len(FRESH)),
+        ON_POLICY: Ranking(len(FRESH), greedy_bonus=1.6),
     }
     return found.get(name)
 
