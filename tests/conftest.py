@@ -1,5 +1,6 @@
 """What holds for every test: the CPU, arrays of different rank never meet unsaid, no test fails for being slow."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -24,6 +25,8 @@ from jax._src import compiler
 from iphyre_jax.execution.compilation import executables
 from iphyre_jax.execution.compilation.executables import Run
 from iphyre_jax.execution.programs import Program
+from iphyre_jax.memory import forget_programs
+from iphyre_jax.viewer.play.worker import memory_in_use
 
 TESTS = Path(__file__).parent
 
@@ -107,6 +110,22 @@ def quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
         return
     with quick_jax(), quick_engine():
         yield
+
+
+# A test process that is larger, in bytes, forgets its programs after a module. They are on the disk, and two such
+# processes fit into a small machine.
+MOST_MEMORY = 2e9
+
+
+@pytest.fixture(scope="module", autouse=True)
+def little_memory() -> Iterator[None]:
+    """Let a process that has grown forget its programs."""
+    yield
+    if memory_in_use() > MOST_MEMORY:
+        forget_programs()
+        executables._loaded.clear()
+        _quick_programs.clear()
+        gc.collect()
 
 
 @pytest.fixture(scope="module")
