@@ -128,6 +128,19 @@ def _in_advance_steps(times: npt.NDArray[np.floating[Any]], fps: int) -> npt.NDA
     return np.where(valid & ~lost, frame * (fps // DECISIONS_PER_SECOND), NEVER)
 
 
+def steps_to_times(steps: npt.NDArray[np.integer[Any]], fps: int) -> npt.NDArray[np.float64]:
+    """Return times, s, NaN for never, from which `plan_to_steps` by the rule "simulate" makes these steps again.
+
+    They are half a step early, so that the rounding of the clock does not count. The rule never gives step 0: a removal
+    there has no such time.
+
+    Args:
+        steps: of any shape, as `plan_to_steps` returns them.
+        fps: physics steps a second.
+    """
+    return np.where(steps < 0, np.nan, (steps - 0.5) / fps)
+
+
 def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:
     """Read a plan as people write it: a time for each eliminable block, or "never" or "-" for one that stays.
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from iphyre_jax.plans import official_clock, plan_to_steps
+from iphyre_jax.plans import official_clock, plan_to_steps, steps_to_times
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -167,3 +167,12 @@ def test_bad_plans_get_one_line(case: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         plan_to_steps(*arguments)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("fps", [1, 10, 25, 60, 240])
+def test_steps_have_times_that_give_them_again(fps: int) -> None:
+    """All but step 0, which the rule never gives."""
+    steps = np.stack([np.arange(1, 15 * fps), np.full(15 * fps - 1, -1)], axis=1)
+    times = steps_to_times(steps, fps)
+    assert np.isnan(times[:, 1]).all()
+    np.testing.assert_array_equal(plan_to_steps(times, fps, "simulate"), steps)

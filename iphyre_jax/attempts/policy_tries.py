@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import MAX_SEED, check_least, check_positive, show
 from iphyre_jax.envs.in_advance import action_to_times
-from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.plans import plan_to_steps, steps_to_times
 from iphyre_jax.scenes import Scene
 from iphyre_jax.train.algos.actor_critic import ActorCritic
 from iphyre_jax.train.algos.base import State
@@ -81,8 +81,7 @@ class PolicyTries:
         greedy = agent.head.mode(distribution)
 
         def sample(count: int) -> jax.Array:
-            warm = jnp.repeat(jax.nn.log_softmax(distribution / self.temperature), count, axis=0)
-            return agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
+            return warm_samples(agent, distribution, self.temperature, count, rng)
 
         def plans_of(raw_actions: jax.Array) -> Floats:
             return self._seconds(agent.head.action(raw_actions), scene)
@@ -109,11 +108,18 @@ class PolicyTries:
     def _seconds(self, actions: jax.Array, scene: Scene) -> Floats:
         """Actions (B, 6) as plans of the scene's blocks, (B, S) s, NaN for never.
 
-        A time half a step early: the rule "simulate" then takes the step that the policy's environment takes.
+        The rule "simulate" takes the steps that the policy's environment takes.
         """
         steps = plan_to_steps(action_to_times(np.asarray(actions)), self.config.fps, "in_advance")
-        steps = steps[:, : len(scene.eliminable_blocks)]
-        return np.where(steps < 0, np.nan, (steps - 0.5) / self.config.fps)
+        return steps_to_times(steps[:, : len(scene.eliminable_blocks)], self.config.fps)
+
+
+def warm_samples(
+    agent: ActorCritic[Any], distribution: jax.Array, temperature: float, count: int, rng: np.random.Generator
+) -> jax.Array:
+    """Raw actions from distributions (S, ...) at a temperature, `count` of each in a row, (S * count, ...)."""
+    warm = jnp.repeat(jax.nn.log_softmax(distribution / temperature), count, axis=0)
+    return agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
 
 
 def differs(plans: Floats, plan: Floats) -> npt.NDArray[np.bool_]:

@@ -84,15 +84,14 @@ class OwnProcess:
                 questions.write(json.dumps(request).encode() + b"\n")
                 questions.flush()
             return self._answer()
-        except (OSError, ValueError):  # it does not read, or another thread has closed the pipes
+        except (OSError, ValueError, EndedError) as error:
             status = self.end()
             if timed_out.is_set():
                 raise TimeoutError(f"took longer than {seconds:g} s") from None
+            if isinstance(error, EndedError):
+                raise
+            # It does not read, or another thread has closed the pipes.
             raise EndedError(f"ended with status {status}") from None
-        except EndedError:
-            if timed_out.is_set():
-                raise TimeoutError(f"took longer than {seconds:g} s") from None
-            raise
         finally:
             if timer is not None:
                 timer.cancel()
@@ -102,7 +101,6 @@ class OwnProcess:
         if (line := answers.readline()).endswith(b"\n"):
             fields = _answer_in(line)
             if fields is None:  # such as a line that a sitecustomize of the user prints
-                self.end()
                 raise EndedError(f"answered {show(line.decode(errors='replace').rstrip())}")
             size = fields.get("bytes", 0)
             if len(content := answers.read(size)) == size:

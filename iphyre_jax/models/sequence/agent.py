@@ -22,6 +22,7 @@ from iphyre_jax.models.sequence.networks import END, NEVER_BIN, NOWHERE, Logits,
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, log_likelihood
 from iphyre_jax.models.sequence.worlds import play_tables
+from iphyre_jax.plans import steps_to_times
 from iphyre_jax.rules import (
     DECISIONS_PER_SECOND,
     ELIMINATION_REWARD,
@@ -252,8 +253,8 @@ class SequenceTries:
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Any]) -> Floats:
         """Propose k plans, (k, S) s, NaN for a block that stays; of the past only its length counts.
 
-        Times are half a step early: the rule "simulate" then takes the steps that the model's own rule takes. It
-        removes nothing at the very start, so what a model removes there goes one step later.
+        The rule "simulate" takes the steps that the model's own rule takes. It removes nothing at the very start, so
+        what a model removes there goes one step later.
         """
         greedy = 0 if past else 1
         key = jax.random.key(int(rng.integers(MAX_SEED)))
@@ -264,7 +265,7 @@ class SequenceTries:
                 player.plans()
                 steps.append(player.steps())
         made = np.concatenate(steps)[:, : len(scene.eliminable_blocks)]
-        return np.where(made < 0, np.nan, (np.maximum(made, 1) - 0.5) / self.config.fps)
+        return steps_to_times(np.where(made == 0, 1, made), self.config.fps)
 
 
 def contrast(player: Player) -> Floats:

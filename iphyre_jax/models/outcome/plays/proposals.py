@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.attempts.policy_tries import TEMPERATURE
-from iphyre_jax.checks import MAX_SEED
+from iphyre_jax.attempts.policy_tries import TEMPERATURE, warm_samples
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.models.outcome.plays.pool import wide_plans
 from iphyre_jax.scenes import Scene
@@ -47,8 +45,7 @@ def proposals_of(policies: Callable[[], Sequence[tuple[TrainConfig, State]]]) ->
         for number, (config, state) in enumerate(loaded()):
             own = np.flatnonzero(policy == number).tolist()
             if own:
-                key = jax.random.key(int(rng.integers(MAX_SEED)))
-                times[own] = _plans(config, state, [scenes[index] for index in own], count, key)
+                times[own] = _plans(config, state, [scenes[index] for index in own], count, rng)
         blocks = np.array([len(scene.eliminable_blocks) for scene in scenes])
         missing = np.arange(times.shape[2]) >= blocks[:, None, None]
         return np.where(missing | (times <= 0), np.float32("nan"), times)  # an action of 0 is never
@@ -56,13 +53,12 @@ def proposals_of(policies: Callable[[], Sequence[tuple[TrainConfig, State]]]) ->
     return propose
 
 
-def _plans(config: TrainConfig, state: State, scenes: Sequence[Scene], count: int, key: jax.Array) -> Floats:
+def _plans(config: TrainConfig, state: State, scenes: Sequence[Scene], count: int, rng: np.random.Generator) -> Floats:
     """A policy's greedy plan of each scene, and samples, (S, count, 6) s."""
     agent = algorithm(config)
     assert isinstance(agent, ActorCritic)  # noqa: S101 - only its agents have the head
     distribution = agent.distribution(state.params, start_observations(config.strategy, config.observation, scenes))
-    warm = jnp.repeat(jax.nn.log_softmax(distribution / TEMPERATURE), count - 1, axis=0)
-    sampled = agent.head.sample(key, warm).reshape(len(scenes), count - 1, -1)
+    sampled = warm_samples(agent, distribution, TEMPERATURE, count - 1, rng).reshape(len(scenes), count - 1, -1)
     drawn = jnp.concatenate([agent.head.mode(distribution)[:, None], sampled], axis=1)
     actions = agent.head.action(drawn.reshape(len(scenes) * count, -1))
     return np.asarray(action_to_times(np.asarray(actions)), np.float32).reshape(len(scenes), count, -1)
