@@ -54,6 +54,9 @@ test-adapters: ## the tests of the brax adapter, in an environment of its own, f
 	$(ADAPTERS_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[brax]' pytest hypothesis
 	$(ADAPTERS_VENV)/bin/python -m pytest tests/adapters/test_brax_env.py
 
+test-gpu: .venv/.stamp ## what an NVIDIA GPU plays, beside the CPU; needs one, and jax for it: .venv/bin/pip install "jax[cuda13]"
+	IPHYRE_JAX_CHECK_GPU=1 $(PY) -m pytest tests/gpu
+
 # A client that fails does not keep the others from running; what ran goes into the page.
 CLIENTS_torch := gymnasium stable_baselines3 cleanrl official
 CLIENTS_jax := gymnax purejaxrl rejax brax flashbax jumanji dm_env

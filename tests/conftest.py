@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
+if not os.environ.get("IPHYRE_JAX_CHECK_GPU"):  # for `make test-gpu` alone
+    os.environ["JAX_PLATFORMS"] = "cpu"  # before jax is imported anywhere
 os.environ["IPHYRE_JAX_CONFIGURE"] = "off"  # commands run in here would set what holds for the whole process
 # Programs of all test processes, kept from run to run: not the user's, and gone with `make clean`.
 os.environ.setdefault("IPHYRE_JAX_CACHE", str(Path(__file__).parents[1] / "build" / "test-cache"))
@@ -57,6 +58,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 AS_FOR_USERS = (
     "benchmarks",
     "execution",
+    "gpu",
     "parity",
     "physics/collision",
     "physics/test_batching.py",

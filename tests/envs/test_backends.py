@@ -80,10 +80,17 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
 
 
 @pytest.mark.slow
-def test_what_accelerators_do_for_several_games(two: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All lanes choose between their episode and the next one, where a CPU copies rows; bits are the host's."""
+@pytest.mark.parametrize("kernels", [False, True])
+def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All lanes choose between their episode and the next one, where a CPU copies rows; with kernels the worlds of all
+    topologies play side by side. Bits are the host's."""
     monkeypatch.setattr(batch, "on_cpu", lambda: False)
+    if kernels:
+        monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+        for module in (batch, one_kernel):
+            monkeypatch.setattr(module, "kernels_run", lambda: True)
     batch._differentiable.cache_clear()
+    played.clear_cache()
     told = []
     with jax.enable_x64(True):
         for backend in BACKENDS:  # no other test has these environments: their programs are traced here
@@ -167,7 +174,7 @@ def test_a_traced_state_has_derivatives(game: str, kernels: bool, rtol: float, m
     made, kernel = [], one_kernel.kernel
     monkeypatch.setattr(one_kernel, "kernel", lambda *given: made.append(given) or kernel(*given))
     if kernels:
-        monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+        monkeypatch.setattr(one_kernel, "kernels_run", lambda: True)
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     with jax.enable_x64(True):
         env, params = iphyre_jax.make(f"on-the-fly/{game}-v1", dtype="float64", observation="motion", backend="xla")

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import iphyre_jax
+from iphyre_jax.envs.traced import batch
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.gpu import one_kernel
-from iphyre_jax.execution.gpu.one_kernel import in_one_kernel, kernel
+from iphyre_jax.execution.gpu.one_kernel import BLOCK, blocks_in_one_kernel, in_one_kernel, kernel
 from iphyre_jax.execution.programs import Advance, Score, pack_timing, world_layout
 from iphyre_jax.scenes.compile import step_timing
 
@@ -34,7 +35,8 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """A GPU for which XLA has Triton."""
-    monkeypatch.setattr(one_kernel, "_kernels_run", lambda: True)
+    for module in (one_kernel, batch):
+        monkeypatch.setattr(module, "kernels_run", lambda: True)
 
 
 def operations(shared: dict[str, jax.Array], lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:
@@ -92,6 +94,35 @@ def test_a_kernel_gives_what_its_work_gives() -> None:
         np.testing.assert_allclose(leaf, joined, rtol=1e-6, err_msg=name)
 
 
+def doubled(shared: jax.Array, lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    return {"sum": lanes["table"] * 2 + shared, "any": jnp.any(lanes["flags"]) & lanes["flags"]}
+
+
+def counted(shared: jax.Array, lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:
+    turns = jax.lax.while_loop(lambda k: jnp.any(lanes["table"][0] > k), lambda k: k + 1, jnp.int32(0))
+    return {"sum": lanes["table"] + turns * shared, "any": ~lanes["flags"]}
+
+
+@pytest.mark.parametrize("interpret", [False, True])
+def test_each_block_does_its_own_work(interpret: bool, monkeypatch: pytest.MonkeyPatch, kernels: None) -> None:
+    chosen, shared = jnp.array([1, 0, 0, 1], jnp.int32), jnp.float32(3)
+    rng = np.random.default_rng(0)
+    lanes = {
+        "table": jnp.asarray(rng.integers(0, 9, (2, 4 * BLOCK)), jnp.float32),
+        "flags": jnp.asarray(rng.random(4 * BLOCK) < 0.5),
+    }
+    works = (doubled, counted)
+    if interpret:
+        monkeypatch.setattr(one_kernel, "kernel", partial(kernel, interpret=True))
+        monkeypatch.setattr(one_kernel, "_with_derivatives", lambda plain, as_kernel: as_kernel)
+    found = jax.jit(partial(blocks_in_one_kernel, works))(chosen, shared, lanes)
+    for k, work in enumerate(chosen):
+        part = slice(k * BLOCK, (k + 1) * BLOCK)
+        expected = works[int(work)](shared, {name: leaf[..., part] for name, leaf in lanes.items()})
+        for name, leaf in expected.items():
+            np.testing.assert_array_equal(found[name][..., part], leaf)
+
+
 def program_of(kind: type[Score] | type[Advance], game: str, dtype: str) -> tuple[Any, list[Any]]:
     """A program for LANES worlds of a game, and its arguments."""
     scene = iphyre_jax.load_scene(game)
@@ -138,13 +169,17 @@ def test_programs_become_one_kernel(kind: type[Score], game: str, dtype: str, gp
 
 
 @pytest.mark.slow
-def test_a_decision_in_the_users_program_is_one_kernel(gpu: None, kernels: None) -> None:
-    env, params = iphyre_jax.make("on-the-fly/pendulum-v1", backend="xla", observation="motion")
+@pytest.mark.parametrize("games", [["pendulum"], ["support", "multi_ball_hole"]], ids=len)
+def test_a_decision_in_the_users_program_is_one_kernel(games: list[str], gpu: None, kernels: None) -> None:
+    iphyre_jax.register(f"kernel-{len(games)}-v1", games)
+    env, params = iphyre_jax.make(f"on-the-fly/kernel-{len(games)}-v1", backend="xla", observation="motion")
+    assert len(env.topologies) == len(games)
     state = jax.eval_shape(jax.vmap(env.reset, in_axes=(0, None)), jax.random.split(jax.random.key(0), 5), params)[1]
     step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
     keys, actions = jax.random.split(jax.random.key(1), 5), jnp.zeros(5, jnp.int32)
     text = step.trace(keys, state, actions, params).lower(lowering_platforms=("cuda",)).as_text()
     assert text.count("stablehlo.custom_call @__gpu") == 1
+    assert text.count("stablehlo.while") == 1  # over slices of a batch; none over topologies
 
 
 @pytest.mark.parametrize(
@@ -161,7 +196,7 @@ def test_gpus_without_triton_stay_plain(
 ) -> None:
     known = {"compute_capability": capability} if capability else {}
     monkeypatch.setattr(jax, "devices", lambda: [SimpleNamespace(device_kind=kind, **known)])
-    assert one_kernel._kernels_run() == runs
+    assert one_kernel.kernels_run() == runs
 
 
 def test_on_a_cpu_nothing_changes() -> None:

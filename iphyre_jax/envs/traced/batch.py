@@ -14,9 +14,10 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.traced.sorting import run_slices, run_sorted
+from iphyre_jax.envs.traced.sorting import run_slices, run_sorted, sort_into_blocks
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
-from iphyre_jax.execution.devices import on_cpu, traced_lanes
+from iphyre_jax.execution.devices import MOST_OF_DEVICE, on_cpu, traced_lanes
+from iphyre_jax.execution.gpu.one_kernel import BLOCK, kernels_run
 from iphyre_jax.execution.layout import write_transposed
 from iphyre_jax.execution.one_function import in_branch, in_one_function
 from iphyre_jax.execution.rowwise import rowwise
@@ -60,7 +61,9 @@ def _vmappable(step: TracedStep) -> Decide:
     @custom_vmap
     @jax.jit
     def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        return rowwise(partial(_play_batch, step, in_one_function), (timing, games), given)
+        side_by_side = kernels_run() and len(step.topologies) > 1
+        play = partial(_play_blocks, step) if side_by_side else partial(_play_batch, step, in_one_function)
+        return rowwise(play, (timing, games), given)
 
     @decide.def_vmap
     def batched(
@@ -127,6 +130,29 @@ def _play_batch(
 
     # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.
     return in_branch(timing.dt > 0, lambda: call(run, timing, games, given))
+
+
+def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
+    """Do what `decide` says, on a GPU: the worlds of all topologies side by side, in blocks of one each."""
+    (timing, games), size = shared, given.next_game.shape[0]
+    if not size:
+        return step.blank(0)
+
+    def play(given: StepInput, out: StepOutput, first: jax.Array) -> StepOutput:
+        blocks = sort_into_blocks(games.topology_id[given.row], len(step.topologies), BLOCK)
+        lanes = jax.tree.map(lambda leaf: leaf.at[blocks.read].get(mode="promise_in_bounds"), given)
+
+        def of_games(table: Any, game: jax.Array) -> Any:  # noqa: ANN401 - trees of arrays
+            return jax.tree.map(lambda leaf: leaf.at[game].get(mode="clip").T, table)
+
+        scene, start = of_games(games.scenes, lanes.row), of_games(games.start, lanes.first_game + lanes.next_game)
+        played, _ = step.play_blocks(blocks.topology_id, timing, scene, start, jax.tree.map(jnp.transpose, lanes))
+        rows = jax.tree.map(lambda leaf: leaf.T.at[blocks.place].get(mode="promise_in_bounds"), played)
+        return jax.tree.map(
+            lambda leaf, own: jax.lax.dynamic_update_slice_in_dim(leaf, own.astype(leaf.dtype), first, 0), out, rows
+        )
+
+    return run_slices(play, min(size, MOST_OF_DEVICE), given, step.blank(size))
 
 
 def _begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, first: jax.Array) -> Episode:

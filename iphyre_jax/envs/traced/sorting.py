@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -51,6 +51,26 @@ def run_sorted(
         )
 
     return jax.lax.fori_loop(0, groups.count, run_group, out)
+
+
+class Sorted(NamedTuple):
+    """A batch of worlds in blocks of one topology each."""
+
+    topology_id: jax.Array  # (blocks,) int32
+    read: jax.Array  # (blocks * lanes,) int32, the world that each lane plays
+    place: jax.Array  # (B,) int32, the lane that plays each world
+
+
+def sort_into_blocks(topology_id: jax.Array, topologies: int, lanes: int) -> Sorted:
+    """Return worlds with given topologies, (B,), in blocks of so many lanes; spare ones play others' worlds again."""
+    worlds = topology_id.shape[0]
+    blocks = worlds // lanes + min(topologies, worlds)  # as many as there may be
+    groups = _Groups.of(topology_id, topologies, lanes)
+    number = jnp.arange(blocks, dtype=jnp.int32)
+    chosen, read, rows = jax.vmap(groups.at)(jnp.minimum(number, groups.count - 1))
+    lane = jnp.arange(blocks * lanes, dtype=jnp.int32)
+    place = jnp.zeros(worlds, jnp.int32).at[rows.reshape(-1)].max(lane, mode="drop")
+    return Sorted(chosen, read.reshape(-1), place)
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
 from iphyre_jax.envs.batching.scene_features import feature_shapes
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
-from iphyre_jax.execution.gpu.one_kernel import in_one_kernel
+from iphyre_jax.execution.gpu.one_kernel import blocks_in_one_kernel, in_one_kernel
 from iphyre_jax.execution.layout import WORD, Layout, Parts
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, pose_of
+from iphyre_jax.observations.features import Features, own_features, pose_of
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
 from iphyre_jax.physics.lanes import materialize
 from iphyre_jax.physics.types import Timing, Topology, World
@@ -69,6 +69,14 @@ class StepOutput(NamedTuple):
     final: tuple[Episode, ...]  # before any reset; empty if not asked for
 
 
+class Played(NamedTuple):
+    """Episodes after a decision, lanes behind."""
+
+    state: Parts  # as in `Episode`
+    inputs: ObsInputs  # of their observations
+    follows: jax.Array  # (lanes,) bool, where the next episode follows
+
+
 @dataclass(frozen=True)
 class TracedStep:
     """The decision of an environment. Attributes are those of `Worlds`, and the steps of a whole episode."""
@@ -94,13 +102,13 @@ class TracedStep:
         return whole, max(layout.rows - layout.whole_rows for layout in layouts)
 
     def scene_layout(self, topology: Topology) -> Layout:
-        """Return the layout of a scene: what an observation needs, and its world."""
-        return _scene_layout(topology, self.limits, self.dtype)
+        """Return the layout of a scene: what an observation needs, in the same rows for all topologies; its world."""
+        return _scene_layout(self.topologies, topology, self.limits, self.dtype)
 
     def start(self, topology: Topology, scene: Parts) -> Episode:
         """Return episodes of scenes before their first step, lanes behind; their game is 0."""
         lanes = scene.whole.shape[1:]
-        features, world = self.scene_layout(topology).join(scene)
+        features, world = self._scene(topology, scene)
         episode = reset_episode(topology, world, jnp.zeros(lanes, bool))
         executed = jnp.zeros((self.limits.blocks, *lanes), bool)
         status = status_of(jnp.zeros(lanes, jnp.int32), world, episode, executed)
@@ -122,26 +130,62 @@ class TracedStep:
         Returns:
             What it leaves, and (lanes,) bool, where the next episode follows.
         """
-        features, world = self.scene_layout(topology).join(scene)
+        features, world = self._scene(topology, scene)
 
-        def played() -> tuple[Parts, ObsInputs, jax.Array]:
+        def played() -> Played:
             return in_one_kernel(partial(self._played, topology), timing, (features, world, given))
 
-        def left(state: Parts, inputs: ObsInputs, follows: jax.Array) -> tuple[StepOutput, jax.Array]:
-            final = Episode(state, observe(features, inputs, no_op=self.no_op))
-            out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
-            if start is None:
-                return out, follows
-            fresh = start.of_game(given.next_game)
-            now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
-            return out._replace(now=now), follows
+        return materialize(partial(self._left, features, start, given, *materialize(played)))
 
-        return materialize(partial(left, *materialize(played)))
+    def play_blocks(
+        self, chosen: jax.Array, timing: Timing, scene: Parts, start: Episode, given: StepInput
+    ) -> tuple[StepOutput, jax.Array]:
+        """Do what `play` does, with blocks of lanes, each of a topology of its own, side by side; for a GPU.
 
-    def _played(
-        self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]
-    ) -> tuple[Parts, ObsInputs, jax.Array]:
-        """Return episodes after a decision, what their observations need, and where the next one follows."""
+        Args:
+            chosen: (blocks,) int32, the topology of each block.
+            timing: of the physics step.
+            scene: of each lane.
+            start: the next episodes before their first step.
+            given: what is played.
+        """
+        most = max(topology.moving for topology in self.topologies)
+
+        def played(topology: Topology, timing: Timing, lanes: tuple[Parts, StepInput]) -> Played:
+            state, inputs, follows = self._played(topology, timing, (*self._scene(topology, lanes[0]), lanes[1]))
+            rows = inputs.rows
+            blank = [jnp.zeros_like(rows.placed[0])] * (most - topology.moving)  # of bodies that are no object
+            return Played(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
+
+        works = [partial(played, topology) for topology in self.topologies]
+        features, _ = self.scene_layout(self.topologies[0]).join(scene)
+        return self._left(features, start, given, *blocks_in_one_kernel(works, chosen, timing, (scene, given)))
+
+    def _scene(self, topology: Topology, scene: Parts) -> tuple[Features, World]:
+        """Return what observations need of packed scenes of a topology, and their worlds; lanes behind."""
+        features, world = self.scene_layout(topology).join(scene)
+        return own_features(features, topology), world
+
+    def _left(
+        self,
+        features: Features,
+        start: Episode | None,
+        given: StepInput,
+        state: Parts,
+        inputs: ObsInputs,
+        follows: jax.Array,
+    ) -> tuple[StepOutput, jax.Array]:
+        """Return what `play` does, of worlds that have played."""
+        final = Episode(state, observe(features, inputs, no_op=self.no_op))
+        out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
+        if start is None:
+            return out, follows
+        fresh = start.of_game(given.next_game)
+        now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
+        return out._replace(now=now), follows
+
+    def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> Played:
+        """Return episodes after a decision."""
         (features, world, given), slots = lanes, self.limits.blocks
         plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
         game = given.state.whole[GAME].astype(jnp.int32)
@@ -150,11 +194,8 @@ class TracedStep:
         episode = run_requests(topology, timing, world, PlayRequest(game, plan, stop_step), episode)
         status = status_of(game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
-        return (
-            self._packed(topology, status, episode),
-            self._obs_inputs(features, status, episode),
-            ended & (given.next_game >= 0),
-        )
+        state, inputs = self._packed(topology, status, episode), self._obs_inputs(features, status, episode)
+        return Played(state, inputs, ended & (given.next_game >= 0))
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""
@@ -178,5 +219,5 @@ class TracedStep:
 
 
 @lru_cache(1024)
-def _scene_layout(topology: Topology, limits: Limits, dtype: str) -> Layout:
-    return Layout.of((feature_shapes((topology,), limits, dtype), World.shapes(topology, dtype)), dtype)
+def _scene_layout(topologies: tuple[Topology, ...], topology: Topology, limits: Limits, dtype: str) -> Layout:
+    return Layout.of((feature_shapes(topologies, limits, dtype), World.shapes(topology, dtype)), dtype)

@@ -96,7 +96,7 @@ class TracedWorlds(Worlds):
     def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
         """Return a packed scene, (rows,)."""
         layout = self.traced.scene_layout(topology)
-        words = layout.pack_many([(feature_numbers(own_features(features, topology), self.dtype), world)])[:, 0]
+        words = layout.pack_many([(feature_numbers(features, self.dtype), world)])[:, 0]
         return Parts(jnp.asarray(words[: layout.whole_rows]), jnp.asarray(words[layout.whole_rows :].view(self.dtype)))
 
     def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:

@@ -34,19 +34,41 @@ def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree: 
         shared: a tree of arrays without lanes.
         tables: a tree of arrays, (..., lanes).
     """
-    if not _kernels_run():
-        return work(shared, tables)
-    try:
-        return _with_derivatives(work)(shared, tables)
-    except (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError) as error:
-        plain = work(shared, tables)  # if the work itself is wrong, it says so
-        reason = f"{type(error).__name__}: {error}"
-        text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
-        warnings.warn(text, RuntimeWarning, stacklevel=2)
-        return plain
+    return _run(work, partial(kernel, work), shared, tables)
 
 
-def _kernels_run() -> bool:
+def blocks_in_one_kernel(
+    works: Sequence[Callable[..., Tree]],
+    chosen: jax.Array,
+    shared: Any,  # noqa: ANN401
+    tables: Any,  # noqa: ANN401
+) -> Tree:
+    """Return what works make of blocks of lanes; on an NVIDIA GPU all blocks side by side in one kernel; traced.
+
+    Args:
+        works: as in `in_one_kernel`; their results have the same shapes.
+        chosen: (blocks,) int32, the work of each block of BLOCK lanes.
+        shared: a tree of arrays without lanes.
+        tables: a tree of arrays, (..., blocks * BLOCK).
+    """
+
+    def one_by_one(chosen: jax.Array, shared: Any, tables: Any) -> Tree:  # noqa: ANN401
+        blocks = chosen.shape[0]
+        split = jax.tree.map(lambda leaf: jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], blocks, BLOCK), -2, 0), tables)
+        parts: Tree = jax.lax.map(lambda block: jax.lax.switch(block[0], works, shared, block[1]), (chosen, split))
+        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], blocks * BLOCK), parts)
+
+    def one_of(number: jax.Array, shared: Any, tables: Any) -> Tree:  # noqa: ANN401
+        result: Tree = jax.lax.switch(number, works, shared, tables)
+        return result
+
+    def as_kernel(chosen: jax.Array, shared: Any, tables: Any) -> Tree:  # noqa: ANN401
+        return kernel(one_of, shared, tables, of_blocks=chosen)
+
+    return _run(one_by_one, as_kernel, chosen, shared, tables)
+
+
+def kernels_run() -> bool:
     """Return whether JAX's default device is a GPU for which XLA has Triton."""
     if jax.default_backend() != "gpu":
         return False
@@ -55,22 +77,50 @@ def _kernels_run() -> bool:
     return device.device_kind.startswith("NVIDIA") and generation >= int(OLDEST.partition(".")[0])
 
 
-def _with_derivatives(work: Callable[..., Tree]) -> Callable[..., Tree]:
-    """Return a kernel whose derivatives are those of its work, and which is plain in a program for a CPU."""
+def _run(plain: Callable[..., Tree], as_kernel: Callable[..., Tree], *given: Any) -> Tree:  # noqa: ANN401
+    """Return plain(*given), as a kernel if one can be made."""
+    if not kernels_run():
+        return plain(*given)
+    try:
+        return _with_derivatives(plain, as_kernel)(*given)
+    except (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError) as error:
+        result = plain(*given)  # if the work itself is wrong, it says so
+        reason = f"{type(error).__name__}: {error}"
+        text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+        return result
+
+
+def _with_derivatives(plain: Callable[..., Tree], as_kernel: Callable[..., Tree]) -> Callable[..., Tree]:
+    """Return a kernel whose derivatives are those of its plain form, and which is plain in a program for a CPU."""
     run: Callable[..., Tree] = jax.custom_jvp(
-        lambda *given: jax.lax.platform_dependent(*given, cuda=partial(kernel, work), default=work)
+        lambda *given: jax.lax.platform_dependent(*given, cuda=as_kernel, default=plain)
     )
 
     def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Tree, Tree]:
-        both: tuple[Tree, Tree] = jax.jvp(work, primals, tangents)
+        both: tuple[Tree, Tree] = jax.jvp(plain, primals, tangents)
         return both
 
     run.defjvp(derivative)  # type: ignore[attr-defined]
     return run
 
 
-def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bool = False) -> Tree:  # noqa: ANN401
-    """Do what `in_one_kernel` does; interpret: without a GPU, for tests.
+def kernel(
+    work: Callable[..., Tree],
+    shared: Any,  # noqa: ANN401
+    tables: Any,  # noqa: ANN401
+    *,
+    of_blocks: jax.Array | None = None,
+    interpret: bool = False,
+) -> Tree:
+    """Do what `in_one_kernel` does.
+
+    Args:
+        work: takes the number of its block first, if there are any.
+        shared: a tree of arrays without lanes.
+        tables: a tree of arrays, (..., lanes).
+        of_blocks: (blocks,) int32, a number of each block of lanes; None for none.
+        interpret: without a GPU, for tests.
 
     Raises:
         NotImplementedError: the work has an operation that `row_by_row` does not know.
@@ -81,23 +131,26 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
     shared, tables = jax.tree.map(jnp.asarray, (shared, tables))
     of_shared, lanes = jax.tree.leaves(shared), jax.tree.leaves(tables)[0].shape[-1]
     dtype = "float64" if any(leaf.dtype.itemsize == 8 for leaf in jax.tree.leaves((shared, tables))) else "float32"
+    numbers = [] if of_blocks is None else [jax.ShapeDtypeStruct((), of_blocks.dtype)]
     work = jax.jit(work)  # traced once, not for its shapes too
     given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], LANES), leaf.dtype), tables)
     given_shared = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), shared)
-    results = jax.eval_shape(work, given_shared, given)
+    results = jax.eval_shape(work, *numbers, given_shared, given)
     if not all(has_lanes(out.shape) for out in jax.tree.leaves(results)):
         raise NotImplementedError("a result without lanes in a kernel")
     layout, layout_of_results = _layout(given, dtype), _layout(results, dtype)
 
-    def in_words(shared: Any, table: jax.Array) -> jax.Array:  # noqa: ANN401
-        return layout_of_results.pack(_widened(work(shared, _narrowed(layout.unpack(table), given)), dtype))
+    def in_words(*arguments: Any) -> jax.Array:  # noqa: ANN401
+        *first, table = arguments
+        return layout_of_results.pack(_widened(work(*first, _narrowed(layout.unpack(table), given)), dtype))
 
-    jaxpr = jax.make_jaxpr(in_words)(given_shared, jax.ShapeDtypeStruct((layout.rows, LANES), layout.word))
+    jaxpr = jax.make_jaxpr(in_words)(*numbers, given_shared, jax.ShapeDtypeStruct((layout.rows, LANES), layout.word))
 
     def body(*refs: Any) -> None:  # noqa: ANN401 - references of Pallas
-        words, *numbers, written = refs
+        words, *others, written = refs
         arguments = [
-            values(leaf.shape, [ref[k] for k in range(leaf.size)]) for leaf, ref in zip(of_shared, numbers, strict=True)
+            values(leaf.shape, [ref[k] for k in range(leaf.size)])
+            for leaf, ref in zip([*numbers, *of_shared], others, strict=True)
         ]
         rows = values((layout.rows,), _read_rows(words, layout.rows))
         (done,) = evaluate(jaxpr, [*arguments, rows], BLOCK, pl.program_id(0) >> 30)
@@ -111,6 +164,7 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
         grid=(blocks,),
         in_specs=[
             pl.BlockSpec((table.shape[0], BLOCK), lambda k: (0, k)),
+            *(pl.BlockSpec((1,), lambda k: (k,)) for _ in numbers),
             *(pl.BlockSpec((leaf.size,), lambda _: (0,)) for leaf in of_shared),
         ],
         out_specs=pl.BlockSpec((room, BLOCK), lambda k: (0, k)),
@@ -119,7 +173,7 @@ def kernel(work: Callable[..., Tree], shared: Any, tables: Any, *, interpret: bo
         interpret=interpret,
         name="physics",
     )
-    written = call(table, *map(jnp.ravel, of_shared))
+    written = call(table, *([] if of_blocks is None else [of_blocks]), *map(jnp.ravel, of_shared))
     left: Tree = _narrowed(layout_of_results.unpack(written[: layout_of_results.rows, :lanes]), results)
     return left
 

@@ -29,9 +29,9 @@ Operation = Callable[..., Any]
 # Operations on numbers, each lane by itself.
 _OF_NUMBERS: Final = frozenset(
     (
-        *("abs", "add", "and", "bitcast_convert_type", "clz", "convert_element_type", "cos", "div", "eq", "ge", "gt"),
-        *("is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "population_count", "select_n"),
-        *("shift_left", "shift_right_arithmetic", "sin", "sqrt", "sub", "xor"),
+        *("abs", "add", "and", "bitcast_convert_type", "clamp", "clz", "convert_element_type", "cos", "div", "eq"),
+        *("ge", "gt", "is_finite", "le", "lt", "max", "min", "mul", "ne", "neg", "not", "or", "population_count"),
+        *("select_n", "shift_left", "shift_right_arithmetic", "sin", "sqrt", "sub", "xor"),
     )
 )
 # What NumPy computes if all numbers are known, with the same roundings.
