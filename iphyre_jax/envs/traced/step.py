@@ -69,7 +69,7 @@ class StepOutput(NamedTuple):
     final: tuple[Episode, ...]  # before any reset; empty if not asked for
 
 
-class Played(NamedTuple):
+class DecisionResult(NamedTuple):
     """Episodes after a decision, lanes behind."""
 
     state: Parts  # as in `Episode`
@@ -132,7 +132,7 @@ class TracedStep:
         """
         features, world = self._scene(topology, scene)
 
-        def played() -> Played:
+        def played() -> DecisionResult:
             return in_one_kernel(partial(self._played, topology), timing, (features, world, given))
 
         return materialize(partial(self._left, features, start, given, *materialize(played)))
@@ -151,11 +151,11 @@ class TracedStep:
         """
         most = max(topology.moving for topology in self.topologies)
 
-        def played(topology: Topology, timing: Timing, lanes: tuple[Parts, StepInput]) -> Played:
+        def played(topology: Topology, timing: Timing, lanes: tuple[Parts, StepInput]) -> DecisionResult:
             state, inputs, follows = self._played(topology, timing, (*self._scene(topology, lanes[0]), lanes[1]))
             rows = inputs.rows
             blank = [jnp.zeros_like(rows.placed[0])] * (most - topology.moving)  # of bodies that are no object
-            return Played(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
+            return DecisionResult(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
 
         works = [partial(played, topology) for topology in self.topologies]
         features, _ = self.scene_layout(self.topologies[0]).join(scene)
@@ -184,7 +184,7 @@ class TracedStep:
         now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
         return out._replace(now=now), follows
 
-    def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> Played:
+    def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> DecisionResult:
         """Return episodes after a decision."""
         (features, world, given), slots = lanes, self.limits.blocks
         plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
@@ -195,7 +195,7 @@ class TracedStep:
         status = status_of(game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
         state, inputs = self._packed(topology, status, episode), self._obs_inputs(features, status, episode)
-        return Played(state, inputs, ended & (given.next_game >= 0))
+        return DecisionResult(state, inputs, ended & (given.next_game >= 0))
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""
