@@ -164,6 +164,25 @@ def check_integers(
     return array.astype(np.int64)
 
 
+def check_which(
+    which: npt.ArrayLike, scenes: int, hint: Callable[[object], str] = lambda given: ""
+) -> npt.NDArray[np.int64]:
+    """Return `which`, the scene of each plan, as an int64 array.
+
+    Args:
+        which: (B,) what the caller gave.
+        scenes: how many there are.
+        hint: see `check_integers`.
+
+    Raises:
+        ValueError: no whole numbers in a row, or no scene's; one line.
+    """
+    index = check_integers("which", which, "integers, the scene of each plan", 1, hint)
+    if index.size and (index.min() < 0 or index.max() >= scenes):
+        raise ValueError(f"which: expected indices into {scenes} scenes, got {index.min()} to {index.max()}")
+    return index
+
+
 def _as_float(value: object) -> float:
     """A number as a float, so that no comparison is made in a narrower type; NaN for anything else."""
     if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):

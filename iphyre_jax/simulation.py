@@ -20,6 +20,7 @@ from iphyre_jax.checks import (
     check_integers,
     check_positive,
     check_resets,
+    check_which,
     check_whole,
     show,
 )
@@ -144,9 +145,7 @@ def simulate_many(
     partition = partition_of(mesh)
     if settings.share_prefixes and (settings.sample_every is not None or partition.process_count > 1):
         raise ValueError("share_prefixes: expected no samples, and no mesh that spans processes")
-    index = check_integers("which", which, "integers, the scene of each plan", 1, _hint)
-    if index.size and (index.min() < 0 or index.max() >= len(loaded)):
-        raise ValueError(f"which: expected indices into {len(loaded)} scenes, got {index.min()} to {index.max()}")
+    index = check_which(which, len(loaded), _hint)
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
     return _simulate(loaded, index, plan, settings, partition)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_integers, check_resets, check_whole, show
+from iphyre_jax.checks import check_resets, check_which, check_whole, show
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.rules import NEVER, OFFICIAL_FPS, OFFICIAL_RESETS, TIME_LIMIT
@@ -103,11 +103,9 @@ def play_plans(
     slots = loaded[0].limits.blocks
     check_resets(resets)
     times = action_to_times(actions, slots)
-    index = check_integers("which", which, f"{len(times)} whole numbers, one for each action", 1)
-    if index.shape != times.shape[:1]:
-        raise ValueError(f"which: expected {len(times)} whole numbers, one for each action, got {len(index)}")
-    if index.size and (index.min() < 0 or index.max() >= len(loaded)):
-        raise ValueError(f"which: expected numbers from 0 to {len(loaded) - 1}, got {index.min()} to {index.max()}")
+    index = check_which(which, len(loaded))
+    if len(index) != len(times):
+        raise ValueError(f"actions: expected {len(index)} rows as in which, got {len(times)}")
     blocks = np.array([len(scene.eliminable_blocks) for scene in loaded])[index]
     steps = plan_to_steps(times, fps, "in_advance")
     steps = np.where(np.arange(slots) < blocks[:, None], steps, NEVER)

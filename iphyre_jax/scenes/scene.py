@@ -94,6 +94,11 @@ class Scene:
         """(n_objects, 2) px, the centre of each object at the start: of a bar (a + b) / 2, as in the reference."""
         return np.concatenate([(self.blocks[:, 0] + self.blocks[:, 1]) / 2, self.balls[:, :2]])
 
+    @property
+    def start_poses(self) -> npt.NDArray[np.float64]:
+        """(n_objects, 3) px, px, rad, the pose of each object at the start: its centre, and angle 0."""
+        return np.column_stack([self.centres, np.zeros(self.n_objects)])
+
     def _identity(self) -> tuple[object, ...]:
         arrays = (self.blocks, self.balls, self.eliminable, self.dynamic)
         return (self.name, *(array.tobytes() for array in arrays), self.joints, self.springs, self.limits)

@@ -63,6 +63,4 @@ def contact_sheet(plays: Sequence[Recording], *, columns: int = 8, frame: int = 
 def start_of(scene: Scene, fps: int = 60) -> Recording:
     """Return a recording that holds only the start of a scene; nothing is compiled or played."""
     check_is_scene("scene", scene)
-    poses = np.zeros((1, scene.n_objects, 3))
-    poses[0, :, :2] = scene.centres
-    return Recording.of_poses(scene, [-1] * len(scene.eliminable_blocks), poses, fps=fps)
+    return Recording.of_poses(scene, [-1] * len(scene.eliminable_blocks), scene.start_poses[None], fps=fps)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from iphyre_jax import Scene, load_scene, simulate
+from iphyre_jax.execution import configuration
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.viewer.recording import NotCompiledError, Recording, record
 
@@ -94,8 +97,9 @@ def test_a_wrong_argument_gets_one_line(arguments: dict[str, object], message: s
     assert "\n" not in str(error.value)
 
 
-def test_a_play_that_needs_more_contacts_has_them() -> None:
+def test_a_play_that_needs_more_contacts_has_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A ball among six bars: twice the slots of its topology, as `simulate` gives it."""
+    monkeypatch.setattr(configuration, "cache_folder", lambda: tmp_path)  # the tests' has it from an earlier run
     turns = 2 * np.pi * np.arange(6) / 6 + 0.3
     ends = 300 + np.array([26, 90])[None, :, None] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)[:, None]
     crowded = Scene(

@@ -34,7 +34,7 @@ def object_names(scene: Scene) -> list[str]:
 
 def describe_scene(scene: Scene) -> str:
     """Return the objects of a scene at its start, px, one a line, and what is tied to what."""
-    poses = start_poses(scene)
+    poses = scene.start_poses
     names = object_names(scene)
     removable = set(scene.eliminable_blocks)
     parts = ["Blocks that you can remove:", *(_block(scene, poses, names, block) for block in sorted(removable))]
@@ -92,11 +92,6 @@ def official_table(scene: Scene) -> str:
     features = scene_features(scene)
     rows = object_rows(features, features.position, np.zeros(len(features.present)), features.present)
     return "[" + ",\n ".join("[" + ", ".join(f"{value:g}" for value in row) + "]" for row in rows.tolist()) + "]"
-
-
-def start_poses(scene: Scene) -> Poses:
-    """Return the poses of all objects at the start, (N, 3) px, px, rad."""
-    return np.column_stack([scene.centres, np.zeros(scene.n_objects)])
 
 
 def _block(scene: Scene, poses: Poses, names: Sequence[str], block: int) -> str:

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from iphyre_jax.agents.language.descriptions import start_poses
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import missing_extra
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
@@ -30,7 +29,7 @@ _LOOK: Final = Look("official", SIZE, captions=False, mark=False, fade=0.0)
 def start(scene: Scene) -> bytes:
     """Return a PNG, 512 x 512 px, of a scene at its start, the eliminable blocks numbered as plans count them."""
     never = [NEVER] * len(scene.eliminable_blocks)
-    return _numbered(Camera(Recording.of_poses(scene, never, start_poses(scene)[None]), _LOOK), scene, 0)
+    return _numbered(Camera(Recording.of_poses(scene, never, scene.start_poses[None]), _LOOK), scene, 0)
 
 
 def after_removals(scene: Scene, attempt: Attempt) -> list[bytes]:

@@ -154,7 +154,7 @@ class Prompt:
         """SHA-256 of all that it says about two games with a made-up past: of its texts and of how scenes are told."""
         said: list[list[Message]] = []
         for scene in map(load_scene, ("support", "pendulum")):
-            poses = descriptions.start_poses(scene)
+            poses = scene.start_poses
             blocks = len(scene.eliminable_blocks)
             past = [Attempt(np.linspace(0.5, blocks - 0.5, blocks), False, -25.0, 1, 15.0, np.tile(poses, (151, 1, 1)))]
             told = Prompt(self.base, self.strategy, "trajectory" if self.shown == "frames" else self.shown)

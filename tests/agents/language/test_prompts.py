@@ -11,7 +11,6 @@ from iphyre_jax.agents.language.descriptions import (
     describe_scene,
     describe_state,
     object_names,
-    start_poses,
 )
 from iphyre_jax.agents.language.pictures import SIZE, after_removals, start
 from iphyre_jax.agents.language.prompts import BASES, STRATEGIES, Moment, Prompt, again
@@ -42,7 +41,7 @@ def test_objects_are_named_as_replies_name_them() -> None:
 
 
 def test_the_present_state_tells_of_what_moves_or_is_gone() -> None:
-    before = start_poses(PENDULUM)
+    before = PENDULUM.start_poses
     now = before.copy()
     now[-1, :2] += (-3.0, 4.0)
     now[PENDULUM.eliminable_blocks[0]] = np.nan
@@ -55,14 +54,14 @@ def test_the_present_state_tells_of_what_moves_or_is_gone() -> None:
 def test_a_turned_bar_is_told_by_its_ends() -> None:
     scene = load_scene("seesaw")
     bar = object_names(scene).index("bar D")
-    poses = start_poses(scene)
+    poses = scene.start_poses
     poses[bar, 2] = np.pi
     told = describe_state(scene, poses, poses).splitlines()[0]
     assert told == "bar D: moves, from (470, 250) to (240, 320), centre (355, 285), velocity (0, 0) px/s"
 
 
 def test_an_attempt_is_told_with_positions_if_asked() -> None:
-    poses = np.tile(start_poses(PENDULUM), (151, 1, 1))
+    poses = np.tile(PENDULUM.start_poses, (151, 1, 1))
     told = describe_attempt(PENDULUM, attempt(poses), 2, positions=True).splitlines()
     assert told[0] == "Attempt 2: asked for index 0 at 0.50 s; not solved after 15.00 s with 1 removed; reward -25.0."
     assert told[1] == "  0.0 s: ball 1 (360, 170)"
@@ -92,7 +91,7 @@ def test_the_example_of_each_form_is_read_by_the_parser(base: prompts.Base, stra
 
 
 def test_earlier_attempts_and_the_moment_are_told_where_asked_for() -> None:
-    poses = start_poses(PENDULUM)
+    poses = PENDULUM.start_poses
     moment = Moment(2.5, poses, poses)
     assert "Attempt 1" not in text(Prompt("plain"), past=(attempt(),))
     assert "Attempt 1" in text(Prompt("plain", "in-advance", "outcome"), past=(attempt(),))
@@ -135,7 +134,7 @@ def test_pictures_show_numbers_and_five_moments() -> None:
     drawn = Image.open(io.BytesIO(start(PENDULUM)))
     assert drawn.size == (SIZE, SIZE)
     assert start(PENDULUM) != start(load_scene("spring"))
-    poses = np.tile(start_poses(PENDULUM), (151, 1, 1))
+    poses = np.tile(PENDULUM.start_poses, (151, 1, 1))
     poses[:, -1, 1] += np.arange(151)
     assert len(set(after_removals(PENDULUM, attempt(poses)))) == 5
     assert len(Prompt("picture").conversation(PENDULUM)[-1].pictures) == 1
