@@ -132,13 +132,13 @@ def steps_to_times(steps: npt.NDArray[np.integer[Any]], fps: int) -> npt.NDArray
     """Return times, s, NaN for never, from which `plan_to_steps` by the rule "simulate" makes these steps again.
 
     They are half a step early, so that the rounding of the clock does not count. The rule never gives step 0: a removal
-    there has no such time.
+    there gets the time of step 1. Nor does it give a step twice: of blocks with equal times one goes a step later.
 
     Args:
         steps: of any shape, as `plan_to_steps` returns them.
         fps: physics steps a second.
     """
-    return np.where(steps < 0, np.nan, (steps - 0.5) / fps)
+    return np.where(steps < 0, np.nan, (np.maximum(steps, 1) - 0.5) / fps)
 
 
 def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:

@@ -171,8 +171,9 @@ def test_bad_plans_get_one_line(case: str) -> None:
 
 @pytest.mark.parametrize("fps", [1, 10, 25, 60, 240])
 def test_steps_have_times_that_give_them_again(fps: int) -> None:
-    """All but step 0, which the rule never gives."""
+    """Step 0, which the rule never gives, becomes step 1."""
     steps = np.stack([np.arange(1, 15 * fps), np.full(15 * fps - 1, -1)], axis=1)
     times = steps_to_times(steps, fps)
     assert np.isnan(times[:, 1]).all()
     np.testing.assert_array_equal(plan_to_steps(times, fps, "simulate"), steps)
+    assert steps_to_times(np.array([0]), fps) == times[0, 0]

@@ -105,7 +105,8 @@ def scene_file(root: Path, of: SceneFile = POOL) -> Path:
     if not file.is_file():
         root.mkdir(parents=True, exist_ok=True)
         journal = root / f"{of.name}.parts"
-        save_generated(generate_scenes(of.scenes, of.seed, kind=of.kind, journal=journal, report=print), file)
+        save = partial(save_generated, path=file)
+        generate_scenes(of.scenes, of.seed, kind=of.kind, journal=journal, report=print, save=save)
     return file
 
 

@@ -152,8 +152,6 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if command.minari is not None:
         check_minari(command.minari, "minari")
     dataset = _make(command, report)
-    if command.out is not None:
-        save_dataset(dataset, command.out)
     if command.official is not None:
         save_official(dataset, command.official)
     if command.minari is not None:
@@ -163,19 +161,26 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
 
 
 def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
-    """Return the data set that the options ask for."""
+    """Return the data set that the options ask for, saved if they name a file."""
+
+    def save(dataset: Dataset) -> None:
+        if command.out is not None:
+            save_dataset(dataset, command.out)
+
     if command.named is not None:
         games = _games(command.games) if command.games else None
-        return named_set(
+        dataset = named_set(
             command.named,
             fps=command.world_fps,
             sequences=command.sequences,
             games=games,
             report=report,
         )
+        save(dataset)
+        return dataset
     journal = None if command.out is None else command.out.with_suffix(".parts")
     if command.source is not None:
-        return _load(command.source, command, journal, report)
+        return _load(command.source, command, journal, report, save)
     if command.distribution == "policy" and command.policy is None:
         raise ValueError("policy: expected a pretrained policy or a run folder for --distribution policy, got none")
     if command.distribution != "policy" and command.policy is not None:
@@ -199,17 +204,24 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
         policy=None if policy is None else _plans_of(*policy),
         journal=journal,
         report=report,
+        save=save,
     )
 
 
 def _games(words: tuple[str, ...]) -> list[str]:
-    """Return the games that words name: games, scene files, splits or all."""
+    """Return the games that words name, each once: games, scene files, splits or all."""
     lists = {**SPLITS, "all": GAMES}
-    return [game for word in words for game in lists.get(word, (word,))]
+    return list(dict.fromkeys(game for word in words for game in lists.get(word, (word,))))
 
 
-def _load(source: Path, command: Collect, journal: Path | None, report: Callable[[str], None]) -> Dataset:
-    """Return the plays of a source."""
+def _load(
+    source: Path,
+    command: Collect,
+    journal: Path | None,
+    report: Callable[[str], None],
+    save: Callable[[Dataset], None],
+) -> Dataset:
+    """Return the plays of a source, saved."""
     if source.is_dir():
         return load_official(
             source,
@@ -218,7 +230,15 @@ def _load(source: Path, command: Collect, journal: Path | None, report: Callable
             sequences=command.sequences,
             journal=journal,
             report=report,
+            save=save,
         )
+    dataset = _read(source)
+    save(dataset)
+    return dataset
+
+
+def _read(source: Path) -> Dataset:
+    """Return the plays of a file."""
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
     if source.suffix == ".jsonl":

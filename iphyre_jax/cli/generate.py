@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -70,11 +71,15 @@ def _make(command: Generate, out: Path | None, report: Callable[[str], None]) ->
     npz, _ = check_path(out or Path())
     check_writable(npz.parent, "out")
     journal = npz.with_suffix(".parts")
-    scenes = generate_scenes(
-        command.count, command.seed, protocol=command.protocol, kind=command.kind, journal=journal, report=report
+    return generate_scenes(
+        command.count,
+        command.seed,
+        protocol=command.protocol,
+        kind=command.kind,
+        journal=journal,
+        report=report,
+        save=partial(save_generated, path=npz),
     )
-    save_generated(scenes, npz)
-    return scenes
 
 
 def _describe(scenes: GeneratedScenes, console: Console) -> None:

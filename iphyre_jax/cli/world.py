@@ -142,7 +142,7 @@ def _evaluate(action: Evaluate, console: Console) -> None:
         errors = " ".join(f"{value:.2f}" for value in measures["median error px"]["model"])
         right = 100 * measures["outcomes"]["right"]
         say(console, f"{TITLES[column]}: px after {seconds} s: {errors}; outcomes right {right:.0f} %")
-    if found["planning"]:
+    if action.plans:
         reward, solved = (
             [np.mean([split[key][tries] for split in found["planning"].values()]) for tries in range(2)]
             for key in ("reward", "solved")

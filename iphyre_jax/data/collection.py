@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ def collect(
     policy: PlanPolicy | None = None,
     journal: str | os.PathLike[str] | None = None,
     report: Report | None = None,
+    save: Callable[[Dataset], object] | None = None,
 ) -> Dataset:
     """Draw plans of each game until enough solve it and enough do not, and play them on all cores.
 
@@ -67,6 +68,7 @@ def collect(
             scene's limits (6); 0 or NaN for a block that stays.
         journal: a folder for what is done so far: after a kill the same call goes on there. It is removed at the end.
         report: called with a line of progress after each round.
+        save: called with the data set before the journal goes, so that a kill between the two loses nothing.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -79,7 +81,10 @@ def collect(
     )
     recipe = check_recipe(recipe, scenes, successes, failures)
     with journal_in(journal, report) as opened:
-        return gather(scenes, [(successes, failures)] * len(scenes), recipe, opened)
+        dataset = gather(scenes, [(successes, failures)] * len(scenes), recipe, opened)
+        if save is not None:
+            save(dataset)
+        return dataset
 
 
 def gather(
@@ -181,7 +186,6 @@ def build(
     recipe: Recipe,
     journal: Journal,
     manifest: Mapping[str, Any],
-    played: Ints | None = None,
 ) -> Dataset:
     """Return a data set of labelled plans, with poses if the recipe has them.
 
@@ -193,9 +197,8 @@ def build(
         recipe: how they were made.
         journal: keeps the poses.
         manifest: fields to add: `scenes`, and others.
-        played: (N, S) the steps of the plans; by default those of the times.
     """
-    steps = recipe.protocol.steps(times) if played is None else played
+    steps = recipe.protocol.steps(times)
     poses = None
     if recipe.sequences:
         journal.report(f"playing {len(game)} sequences")

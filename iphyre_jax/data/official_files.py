@@ -9,7 +9,8 @@ the solution on
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import shutil
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,11 +24,11 @@ from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL
 from iphyre_jax.data.journal import Journal, Report, journal_in
 from iphyre_jax.data.labels import PlayProtocol, label_plans
-from iphyre_jax.data.recipe import Recipe, check_recipe
+from iphyre_jax.data.recipe import Recipe, check_poses, check_recipe
 from iphyre_jax.data.sequences import rows_by_scene, tables
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.scenes.library import load_scenes
 
 LISTS: Final = {True: "succeed_actions.npy", False: "fail_actions.npy"}
@@ -60,6 +61,8 @@ def action_lists(dataset: Dataset) -> Floats:
 def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
     """Write the action lists of each game, and its sequences if the data set has poses, the solved ones first.
 
+    Whoever plays the lists gives the first frames to the zeros of a row, one each; so a removal there goes some later.
+
     Args:
         dataset: of scenes with different names.
         folder: to write into; files there are replaced.
@@ -82,6 +85,8 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
 
 
 def _save_sequences(scene: Scene, dataset: Dataset, game: Path) -> None:
+    for old in _sequence_files(game)[len(dataset) :]:
+        shutil.rmtree(old.parent)
     centres = scene.centres[list(scene.eliminable_blocks)]
     for number, (times, table) in enumerate(zip(drawn_times(dataset), tables(dataset), strict=True)):
         clicks = [(*centre, time) for centre, time in zip(centres, times, strict=False) if time]
@@ -99,6 +104,7 @@ def load_official(
     sequences: bool = False,
     journal: str | os.PathLike[str] | None = None,
     report: Report | None = None,
+    save: Callable[[Dataset], object] | None = None,
 ) -> Dataset:
     """Read the action lists of a folder, or its sequences where a game has no lists, and play them again.
 
@@ -112,6 +118,7 @@ def load_official(
         sequences: whether the data set has poses.
         journal: a folder for what is done so far.
         report: called with a line of progress.
+        save: called with the data set before the journal goes.
 
     Raises:
         ValueError: a file holds something else; one line that names it.
@@ -119,18 +126,26 @@ def load_official(
     """
     if not isinstance(folder, str | os.PathLike) or not Path(folder).is_dir():
         raise ValueError(f"folder: expected a folder with a folder for each game, got {show(folder)}")
-    names = sorted(path.name for path in Path(folder).iterdir() if path.is_dir()) if games is None else games
-    scenes = load_scenes([load_scene(name) for name in names])
+    if games is None:
+        known = (*GAMES, *SPLITS["unseen_basic"])
+        games = sorted(path.name for path in Path(folder).iterdir() if path.is_dir() and path.name in known)
+        if not games:
+            raise ValueError(f"folder: expected a folder for a game in {show(str(folder))}, got none")
+    scenes = load_scenes([load_scene(name) for name in games])
     recipe = check_recipe(Recipe(protocol=PlayProtocol(fps), sequences=sequences, split="official"), scenes, 0, 0)
     read = [_read_game(Path(folder) / scene.name, scene) for scene in scenes]
     with journal_in(journal, report) as opened:
-        return _labelled(scenes, read, recipe, opened)
+        dataset = _labelled(scenes, read, recipe, opened)
+        if save is not None:
+            save(dataset)
+        return dataset
 
 
 def _labelled(
     scenes: Sequence[Scene], read: Sequence[tuple[Floats, Floats]], recipe: Recipe, journal: Journal
 ) -> Dataset:
     times = np.concatenate([times for times, _ in read])
+    check_poses(recipe, scenes, len(times))
     stated = np.concatenate([results for _, results in read])
     game = np.repeat(np.arange(len(scenes)), [len(times) for times, _ in read])
     labels = label_plans(scenes, game, recipe.protocol.steps(times), recipe.protocol, None, journal)
@@ -180,6 +195,8 @@ def _read_array(file: Path, columns: int) -> Floats:
         array: npt.NDArray[Any] = np.load(file, allow_pickle=False)
     except (ValueError, EOFError, MemoryError) as error:
         raise ValueError(f"{name}: expected an array of numbers: {one_line(str(error))}") from None
+    if array.dtype.kind in "biuf" and array.shape == (0,):  # as NumPy writes an empty list
+        array = array.reshape(0, columns)
     if array.dtype.kind not in "biuf" or array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"{name}: expected numbers of shape (n, {columns}), got {array.dtype} of shape {array.shape}")
     return array.astype(np.float64)

@@ -25,7 +25,7 @@ from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import PlayProtocol, label_plans
 from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.files import parse_json, replace_text
-from iphyre_jax.plans import official_clock
+from iphyre_jax.plans import official_clock, steps_to_times
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.viewer.line_files import read_lines
@@ -151,6 +151,9 @@ def _is_game(scene: Scene) -> bool:
 def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
     """Return a data set of plays, labelled anew in a fresh space and in float64.
 
+    Its steps are those that the rule "simulate" makes of its times: a removal before the first step, or a second one
+    before the same step, goes a step later.
+
     Args:
         plays: of one rate; of `read_plays`, or those of player lines.
 
@@ -166,12 +169,12 @@ def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
     slots = max(scene.limits.blocks for scene in scenes)
     steps = np.array([[*play.plan, *[NEVER] * (slots - len(play.plan))] for play in given], np.int64)
     protocol = PlayProtocol(rates[0])
-    labels = label_plans(scenes, game, steps, protocol)
+    times = steps_to_times(steps, rates[0])
+    labels = label_plans(scenes, game, protocol.steps(times), protocol)
     columns = labels.columns(np.array([int((game[:k] == game[k]).sum()) for k in range(len(game))]))
     entries = [{**scene_entry(scene), "players": _players(given, scene)} for scene in scenes]
-    times = np.where(steps == NEVER, np.nan, steps / rates[0])
     recipe = Recipe(distribution="plays", protocol=protocol)
-    return build(scenes, game, times, columns, recipe, Journal(), {"scenes": entries}, steps)
+    return build(scenes, game, times, columns, recipe, Journal(), {"scenes": entries})
 
 
 def _players(plays: list[Play], scene: Scene) -> list[str]:

@@ -91,10 +91,14 @@ def check_recipe(recipe: Recipe, scenes: Sequence[Scene], successes: int, failur
         raise ValueError(f"form: expected {wanted}, got exact")
     draws = min(recipe.max_draws, 1000 * (successes + failures))
     check_memory("max_draws", len(scenes) * draws * _BYTES_OF_DRAW, "collect fewer games at a time")
-    if recipe.sequences:
-        size = pose_bytes(scenes, len(scenes) * (successes + failures), recipe.pose_dtype)
-        check_memory("sequences", 2 * size, "collect fewer plays at a time")
+    check_poses(recipe, scenes, len(scenes) * (successes + failures))
     return replace(recipe, protocol=replace(protocol, fps=rate))
+
+
+def check_poses(recipe: Recipe, scenes: Sequence[Scene], plays: int) -> None:
+    """Refuse so many plays if the recipe has sequences and memory does not suffice; ValueError in one line."""
+    if recipe.sequences:
+        check_memory("sequences", 2 * pose_bytes(scenes, plays, recipe.pose_dtype), "collect fewer plays at a time")
 
 
 def pose_bytes(scenes: Sequence[Scene], plays: int, dtype: str) -> int:

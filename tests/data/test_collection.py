@@ -1,5 +1,7 @@
 """Collections: the counts and labels of the official generator, the same bits after a kill, no repeated play."""
 
+from collections.abc import Iterator
+from functools import partial
 from itertools import repeat
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from iphyre_jax.compat import generate_actions
 from iphyre_jax.data import collect, load_dataset, repeated_plays, save_dataset, verify
 from iphyre_jax.data import labels as labels_module
 from iphyre_jax.data.draws import neighbours
+from iphyre_jax.data.generated import generate
 from iphyre_jax.data.official_files import action_lists
 from iphyre_jax.plans import official_clock
 from tests.data.worlds import small
@@ -92,6 +95,27 @@ def test_a_killed_collection_goes_on_to_the_same_bits(tmp_path: Path, monkeypatc
     save_dataset(resumed, tmp_path / "resumed.npz")
     assert (tmp_path / "resumed.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     assert not (tmp_path / "journal").exists()
+
+
+def test_a_kill_while_saving_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The journal of a collection, and that of generated scenes, stay until the result is written."""
+
+    def killed(_: object) -> None:
+        raise Killed
+
+    def one_chunk(*_: object) -> Iterator[dict[str, list[int]]]:
+        yield {"number": [0]}
+
+    monkeypatch.setattr(generate, "all_chunks", one_chunk)
+    monkeypatch.setattr(generate.GeneratedScenes, "of_chunks", lambda *_: object())
+    for work in (partial(collect, ["hole"], successes=1, failures=1), partial(generate.generate_scenes, 1)):
+        journal = tmp_path / "journal"
+        with pytest.raises(Killed):
+            work(journal=journal, save=killed)
+        assert journal.is_dir()
+        saved: list[object] = []
+        assert work(journal=journal, save=saved.append) is saved[0]
+        assert not journal.exists()
 
 
 @pytest.mark.slow

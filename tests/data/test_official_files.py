@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax.data import Dataset, tables, verify
+from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.official_files import action_lists, drawn_times, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines, write_player_lines
 from iphyre_jax.scenes import load_scene
@@ -76,6 +77,26 @@ LINE = {"player": "ann", "game": "hole", "episode": 2, "actions": [], "reward": 
 CENTRE = load_scene("hole").blocks.mean(axis=1)[load_scene("hole").eliminable_blocks[1]].tolist()
 
 
+def test_a_folder_of_official_files_may_hold_other_things(tmp_path: Path) -> None:
+    save_official(small(), tmp_path)
+    (tmp_path / ".git").mkdir()
+    assert len(load_official(tmp_path)) == len(small())
+    np.save(tmp_path / small().scenes[0].name / "fail_actions.npy", np.array([]))  # an empty list, as others write it
+    assert len(load_official(tmp_path)) < len(small())
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"^folder: expected a folder for a game in "):
+        load_official(tmp_path / "empty")
+
+
+def test_fewer_sequences_replace_more(tmp_path: Path) -> None:
+    dataset = small()
+    own = dataset.select(dataset.game == 0)
+    save_official(own, tmp_path)
+    save_official(own.select(np.arange(len(own)) < 2), tmp_path)
+    kept = {path.name for path in (tmp_path / own.scenes[0].name).iterdir() if path.is_dir()}
+    assert kept == {"0", "1"}
+
+
 def test_player_lines_round_trip(tmp_path: Path) -> None:
     result = {"solved": True, "steps": 261, "eliminations": 2, "reward": 975.65}
     play = Play("ann", load_scene("hole"), (-1, -1, 83, 32), result=result)
@@ -87,6 +108,26 @@ def test_player_lines_round_trip(tmp_path: Path) -> None:
     made = dataset_from_plays([line.play for line in lines])
     assert (made.success.tolist(), made.end_step.tolist(), made.removals.tolist()) == ([True] * 2, [261] * 2, [2] * 2)
     assert made.draw.tolist() == [0, 1]
+    assert not verify(made)
+
+
+def test_times_of_a_play_give_its_steps(tmp_path: Path) -> None:
+    """All steps at 60 a second but the first, which the zeros of an official list take."""
+    steps = np.random.default_rng(0).permutation(894)[:892].reshape(-1, 4) + 6
+    made = dataset_from_plays([Play("ann", load_scene("hole"), tuple(map(int, row))) for row in steps])
+    np.testing.assert_array_equal(made.steps[:, :4], steps)
+    np.testing.assert_array_equal(PlayProtocol(60).steps(made.times), made.steps)
+    save_official(made, tmp_path)
+    read = load_official(tmp_path)
+    order = np.argsort(~made.success, kind="stable")
+    executed = made.steps[order] < made.end_step[order][:, None]
+    np.testing.assert_array_equal(read.steps[executed], made.steps[order][executed])
+    np.testing.assert_array_equal(read.end_step, made.end_step[order])
+
+
+def test_a_removal_before_the_first_step_goes_before_the_second() -> None:
+    made = dataset_from_plays([Play("ann", load_scene("hole"), (0, -1, 5, 5))])
+    assert made.steps[0, :4].tolist() == [1, -1, 5, 6]
     assert not verify(made)
 
 

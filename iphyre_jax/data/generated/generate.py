@@ -31,6 +31,7 @@ def generate_scenes(
     kind: SceneKind = DEFAULT_KIND,
     journal: str | os.PathLike[str] | None = None,
     report: Callable[[str], None] | None = None,
+    save: Callable[[GeneratedScenes], object] | None = None,
 ) -> GeneratedScenes:
     """Generate scenes of the ten basic games' elements, or of two basic games each.
 
@@ -47,6 +48,7 @@ def generate_scenes(
             basic games, some bars of each left out.
         journal: folder that keeps what is done, so that a call which was killed goes on; removed at the end.
         report: called with a line of progress after each chunk.
+        save: called with the scenes before the journal goes, so that a kill between the two loses nothing.
 
     Returns:
         The scenes with their grades and counts.
@@ -63,18 +65,19 @@ def generate_scenes(
     check_memory("count", count * BYTES_OF_SCENE, "generate fewer at a time, with other seeds")
     chunks: list[Arrays] = []
     kept, start = 0, time.monotonic()
-    with (
-        journal_in(journal, report) as notes,
-        closing(all_chunks(settings, partial(_entry, notes, settings))) as given,
-    ):
-        for chunk in given:
-            chunks.append(chunk)
-            kept += len(chunk["number"])
-            drawn, seconds = len(chunks) * CHUNK, time.monotonic() - start
-            notes.report(f"{min(kept, count)} of {count} kept, {drawn} drawn, {kept / seconds:.0f} kept a second")
-            if kept >= count:
-                break
-    return GeneratedScenes.of_chunks(chunks, count, settings)
+    with journal_in(journal, report) as notes:
+        with closing(all_chunks(settings, partial(_entry, notes, settings))) as given:
+            for chunk in given:
+                chunks.append(chunk)
+                kept += len(chunk["number"])
+                drawn, seconds = len(chunks) * CHUNK, time.monotonic() - start
+                notes.report(f"{min(kept, count)} of {count} kept, {drawn} drawn, {kept / seconds:.0f} kept a second")
+                if kept >= count:
+                    break
+        scenes = GeneratedScenes.of_chunks(chunks, count, settings)
+        if save is not None:
+            save(scenes)
+    return scenes
 
 
 def _entry(journal: Journal, settings: GeneratorSettings, number: int, work: Callable[[], Arrays]) -> Arrays:

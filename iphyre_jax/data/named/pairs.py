@@ -19,7 +19,7 @@ from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import INTERVAL, OFFICIAL_SECONDS, Plan, random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import Labels, PlayProtocol, label_plans
-from iphyre_jax.data.recipe import Recipe
+from iphyre_jax.data.recipe import Recipe, check_poses
 from iphyre_jax.data.search import STALE, play_keys
 from iphyre_jax.scenes import Scene
 
@@ -94,6 +94,7 @@ def edge_pairs(
     Returns:
         Rows 2 k and 2 k + 1 are a pair, the play that solves the scene first; `draw` is the number of the random plan.
     """
+    check_poses(recipe, scenes, 2 * count * len(scenes))
     streams = [random_plans(scene, "official", recipe.seed) for scene in scenes]
     searches = [_PairSearch(set(plays)) for plays in known]
     rngs = [np.random.default_rng([recipe.seed, PAIR_STREAM, index]) for index in range(len(scenes))]

@@ -13,7 +13,7 @@ from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import label_plans
-from iphyre_jax.data.recipe import Recipe
+from iphyre_jax.data.recipe import Recipe, check_poses
 from iphyre_jax.scenes import Scene, vary
 
 SHIFT, SCALE, JITTER = 60.0, 1.05, 8.0  # px, factor, px: the most that a variation differs by, as in training
@@ -50,6 +50,7 @@ def varied_plays(games: Sequence[Scene], count: int, plans: int, recipe: Recipe,
     Returns:
         The plays; the manifest has for each variation its `game`, how many plans solve it, and its `level`.
     """
+    check_poses(recipe, games, len(games) * count * plans)
     groups = [valid_variations(game, count, recipe.seed) for game in games]
     scenes = [scene for group in groups for scene in group]
     journal.report(f"{len(scenes)} variations")

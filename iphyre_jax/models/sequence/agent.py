@@ -265,7 +265,7 @@ class SequenceTries:
                 player.plans()
                 steps.append(player.steps())
         made = np.concatenate(steps)[:, : len(scene.eliminable_blocks)]
-        return steps_to_times(np.where(made == 0, 1, made), self.config.fps)
+        return steps_to_times(made, self.config.fps)
 
 
 def contrast(player: Player) -> Floats:

@@ -86,10 +86,9 @@ def play(
 ) -> Dataset:
     """Play plans in float64 and keep what became of them."""
     recipe = Recipe(distribution="official and neighbours of solutions", protocol=protocol, seed=STREAM)
-    steps = protocol.steps(times)
-    labels = label_plans(scenes, game, steps, protocol)
+    labels = label_plans(scenes, game, protocol.steps(times), protocol)
     entries = {"scenes": [scene_entry(scene) for scene in scenes]}
-    return build(scenes, game, times, labels.columns(draw), recipe, Journal(), entries, steps)
+    return build(scenes, game, times, labels.columns(draw), recipe, Journal(), entries)
 
 
 def collect_game(
