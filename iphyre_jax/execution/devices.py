@@ -74,7 +74,8 @@ def lanes_of(topology: Topology, dtype: str) -> int:
 def traced_lanes(worlds: int, topologies: int) -> int:
     """Return how many of so many worlds run side by side in the user's program.
 
-    An accelerator takes as long for few as for thousands. So a topology has one group, even if its share is double.
+    An accelerator takes as long for few as for thousands. So a topology has one group, even if its share is double. On
+    an NVIDIA GPU this is for one topology, and where no kernel of several can be made.
     """
     if on_cpu():
         return min(worlds, LANES)

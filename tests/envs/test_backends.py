@@ -87,18 +87,44 @@ def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeyp
     monkeypatch.setattr(batch, "on_cpu", lambda: False)
     if kernels:
         monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-        for module in (batch, one_kernel):
-            monkeypatch.setattr(module, "kernels_run", lambda: True)
+        monkeypatch.setattr(one_kernel, "kernels_run", lambda: True)
+    monkeypatch.setattr(batch, "MOST_OF_DEVICE", 40)  # slices overlap, and have several blocks of a topology
+    side_by_side, play_blocks = [], batch._play_blocks
+    monkeypatch.setattr(batch, "_play_blocks", lambda *given: side_by_side.append(given) or play_blocks(*given))
     batch._differentiable.cache_clear()
     played.clear_cache()
     told = []
     with jax.enable_x64(True):
-        for backend in BACKENDS:  # no other test has these environments: their programs are traced here
-            env, params = iphyre_jax.make(f"on-the-fly/{two}", dtype="float64", protocol="smooth", backend=backend)
-            told.append(played(env, params, actions_of(env, (160, 5))))
+        for backend in BACKENDS:  # nobody else has these environments: their programs are traced here
+            options: Any = {"protocol": "smooth", "final_observation": True, "backend": backend}
+            options["observation"] = "motion" if kernels else "official"
+            env, params = iphyre_jax.make(f"on-the-fly/{two}", dtype="float64", **options)
+            told.append(played(env, params, actions_of(env, (160, 75))))
     batch._differentiable.cache_clear()
     assert_equal_trees(*told)
     assert (told[0][1][2] | told[0][1][3]).any()
+    assert bool(side_by_side) == kernels
+
+
+@pytest.mark.slow
+def test_worlds_play_in_groups_where_no_kernel_can_be_made(two: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise NotImplementedError("of a test")
+
+    monkeypatch.setattr(one_kernel, "kernels_run", lambda: True)
+    monkeypatch.setattr(one_kernel, "kernel", refuse)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    groups, play_batch = [], batch._play_batch
+    monkeypatch.setattr(batch, "_play_batch", lambda *given: groups.append(given) or play_batch(*given))
+    batch._differentiable.cache_clear()
+    env, params = iphyre_jax.make(f"on-the-fly/{two}", backend="xla", observation="motion", autoreset=False)
+    keys, actions = jax.random.split(jax.random.key(0), 3), jnp.zeros(3, jnp.int32)
+    _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)
+    step = jax.vmap(env.step, in_axes=(0, 0, 0, None))
+    with pytest.warns(RuntimeWarning, match="no kernel of the physics .* of a test"):
+        jax.eval_shape(step, keys, state, actions, params)
+    batch._differentiable.cache_clear()
+    assert groups
 
 
 @pytest.mark.slow

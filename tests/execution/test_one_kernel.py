@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import iphyre_jax
-from iphyre_jax.envs.traced import batch
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.gpu import one_kernel
 from iphyre_jax.execution.gpu.one_kernel import BLOCK, blocks_in_one_kernel, in_one_kernel, kernel
@@ -35,8 +34,7 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """A GPU for which XLA has Triton."""
-    for module in (one_kernel, batch):
-        monkeypatch.setattr(module, "kernels_run", lambda: True)
+    monkeypatch.setattr(one_kernel, "kernels_run", lambda: True)
 
 
 def operations(shared: dict[str, jax.Array], lanes: dict[str, jax.Array]) -> dict[str, jax.Array]:

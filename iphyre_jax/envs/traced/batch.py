@@ -1,12 +1,14 @@
 """One decision of a batch of worlds of several topologies, inside the user's program.
 
 A topology decides what is compiled. So a batch is sorted by topology and played in groups of lanes, each by the code of
-its topology (`traced.step`). It has rules of its own for `jax.vmap`, for derivatives and for several devices.
+its topology (`traced.step`): one after the other, or on an NVIDIA GPU all side by side. A batch has rules of its own
+for `jax.vmap`, for derivatives and for several devices.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import lru_cache, partial
 from typing import Any
 
@@ -17,7 +19,8 @@ from jax.custom_batching import custom_vmap
 from iphyre_jax.envs.traced.sorting import run_slices, run_sorted, sort_into_blocks
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import MOST_OF_DEVICE, on_cpu, traced_lanes
-from iphyre_jax.execution.gpu.one_kernel import BLOCK, kernels_run
+from iphyre_jax.execution.gpu import one_kernel
+from iphyre_jax.execution.gpu.one_kernel import BLOCK, NoKernelError
 from iphyre_jax.execution.layout import write_transposed
 from iphyre_jax.execution.one_function import in_branch, in_one_function
 from iphyre_jax.execution.rowwise import rowwise
@@ -61,9 +64,10 @@ def _vmappable(step: TracedStep) -> Decide:
     @custom_vmap
     @jax.jit
     def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        side_by_side = kernels_run() and len(step.topologies) > 1
-        play = partial(_play_blocks, step) if side_by_side else partial(_play_batch, step, in_one_function)
-        return rowwise(play, (timing, games), given)
+        if one_kernel.kernels_run() and len(step.topologies) > 1:
+            with suppress(NoKernelError):
+                return rowwise(partial(_play_blocks, step), (timing, games), given)
+        return rowwise(partial(_play_batch, step, in_one_function), (timing, games), given)
 
     @decide.def_vmap
     def batched(
@@ -146,11 +150,9 @@ def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
             return jax.tree.map(lambda leaf: leaf.at[game].get(mode="clip").T, table)
 
         scene, start = of_games(games.scenes, lanes.row), of_games(games.start, lanes.first_game + lanes.next_game)
-        played, _ = step.play_blocks(blocks.topology_id, timing, scene, start, jax.tree.map(jnp.transpose, lanes))
+        played = step.play_blocks(blocks.topology_id, timing, scene, start, jax.tree.map(jnp.transpose, lanes))
         rows = jax.tree.map(lambda leaf: leaf.T.at[blocks.place].get(mode="promise_in_bounds"), played)
-        return jax.tree.map(
-            lambda leaf, own: jax.lax.dynamic_update_slice_in_dim(leaf, own.astype(leaf.dtype), first, 0), out, rows
-        )
+        return jax.tree.map(lambda leaf, own: jax.lax.dynamic_update_slice_in_dim(leaf, own, first, 0), out, rows)
 
     return run_slices(play, min(size, MOST_OF_DEVICE), given, step.blank(size))
 

@@ -1,4 +1,4 @@
-"""Play a batch of worlds, one a row, in groups of lanes, each by the branch of its topology; traced.
+"""Sort a batch of worlds, one a row, into groups of lanes of one topology each, and play them by its branch; traced.
 
 The same grouping outside a traced program is `execution.batching`.
 """
@@ -62,7 +62,10 @@ class Sorted(NamedTuple):
 
 
 def sort_into_blocks(topology_id: jax.Array, topologies: int, lanes: int) -> Sorted:
-    """Return worlds with given topologies, (B,), in blocks of so many lanes; spare ones play others' worlds again."""
+    """Return worlds with given topologies, (B,), in blocks of so many lanes, for all of which there is a number before.
+
+    Spare lanes play a world of their block again, and spare blocks are the last one again.
+    """
     worlds = topology_id.shape[0]
     blocks = worlds // lanes + min(topologies, worlds)  # as many as there may be
     groups = _Groups.of(topology_id, topologies, lanes)

@@ -1,7 +1,7 @@
-"""One decision of a group of worlds of one topology, inside the user's program; lanes are behind, see `physics.types`.
+"""One decision of a group of worlds, inside the user's program; lanes are behind, see `physics.types`.
 
-The tables of all topologies are padded behind to the largest, which changes nothing: a world is computed as in a batch
-of its own topology.
+The tables of all topologies are padded to the largest, which changes nothing: a world is computed as in a batch of its
+own topology.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class StepOutput(NamedTuple):
     final: tuple[Episode, ...]  # before any reset; empty if not asked for
 
 
-class DecisionResult(NamedTuple):
-    """Episodes after a decision, lanes behind."""
+class PlayedLanes(NamedTuple):
+    """Episodes after a decision, lanes behind, before they are observed or begin anew."""
 
     state: Parts  # as in `Episode`
     inputs: ObsInputs  # of their observations
@@ -132,14 +132,15 @@ class TracedStep:
         """
         features, world = self._scene(topology, scene)
 
-        def played() -> DecisionResult:
+        def played() -> PlayedLanes:
             return in_one_kernel(partial(self._played, topology), timing, (features, world, given))
 
-        return materialize(partial(self._left, features, start, given, *materialize(played)))
+        lanes = materialize(played)
+        return materialize(partial(self._output, features, start, given, lanes)), lanes.follows
 
     def play_blocks(
         self, chosen: jax.Array, timing: Timing, scene: Parts, start: Episode, given: StepInput
-    ) -> tuple[StepOutput, jax.Array]:
+    ) -> StepOutput:
         """Do what `play` does, with blocks of lanes, each of a topology of its own, side by side; for a GPU.
 
         Args:
@@ -151,40 +152,32 @@ class TracedStep:
         """
         most = max(topology.moving for topology in self.topologies)
 
-        def played(topology: Topology, timing: Timing, lanes: tuple[Parts, StepInput]) -> DecisionResult:
+        def played(topology: Topology, timing: Timing, lanes: tuple[Parts, StepInput]) -> PlayedLanes:
             state, inputs, follows = self._played(topology, timing, (*self._scene(topology, lanes[0]), lanes[1]))
             rows = inputs.rows
             blank = [jnp.zeros_like(rows.placed[0])] * (most - topology.moving)  # of bodies that are no object
-            return DecisionResult(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
+            return PlayedLanes(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
 
         works = [partial(played, topology) for topology in self.topologies]
         features, _ = self.scene_layout(self.topologies[0]).join(scene)
-        return self._left(features, start, given, *blocks_in_one_kernel(works, chosen, timing, (scene, given)))
+        return self._output(features, start, given, blocks_in_one_kernel(works, chosen, timing, (scene, given)))
 
     def _scene(self, topology: Topology, scene: Parts) -> tuple[Features, World]:
         """Return what observations need of packed scenes of a topology, and their worlds; lanes behind."""
         features, world = self.scene_layout(topology).join(scene)
         return own_features(features, topology), world
 
-    def _left(
-        self,
-        features: Features,
-        start: Episode | None,
-        given: StepInput,
-        state: Parts,
-        inputs: ObsInputs,
-        follows: jax.Array,
-    ) -> tuple[StepOutput, jax.Array]:
-        """Return what `play` does, of worlds that have played."""
-        final = Episode(state, observe(features, inputs, no_op=self.no_op))
-        out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
+    def _output(self, features: Features, start: Episode | None, given: StepInput, played: PlayedLanes) -> StepOutput:
+        """Return what a decision leaves; start: see `play`."""
+        final = Episode(played.state, observe(features, played.inputs, no_op=self.no_op))
+        out = StepOutput(final, played.state.whole[: self.status_words], (final,) if self.keep_final else ())
         if start is None:
-            return out, follows
+            return out
         fresh = start.of_game(given.next_game)
-        now = jax.tree.map(lambda new, old: jnp.where(follows[None], new, old), fresh, final)
-        return out._replace(now=now), follows
+        now = jax.tree.map(lambda new, old: jnp.where(played.follows[None], new, old), fresh, final)
+        return out._replace(now=now)
 
-    def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> DecisionResult:
+    def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> PlayedLanes:
         """Return episodes after a decision."""
         (features, world, given), slots = lanes, self.limits.blocks
         plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
@@ -195,7 +188,7 @@ class TracedStep:
         status = status_of(game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
         state, inputs = self._packed(topology, status, episode), self._obs_inputs(features, status, episode)
-        return DecisionResult(state, inputs, ended & (given.next_game >= 0))
+        return PlayedLanes(state, inputs, ended & (given.next_game >= 0))
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""

@@ -22,7 +22,13 @@ from iphyre_jax.execution.layout import Layout
 Tree = TypeVar("Tree")
 
 OLDEST: Final = "8.0"  # compute capability for which XLA has Triton
+# What JAX raises where it has no such backend, or a backend without what a kernel needs.
+_REASONS: Final = (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError)
 BLOCK: Final = 32  # lanes of a block, the threads of one warp: "any lane" means one of these
+
+
+class NoKernelError(Exception):
+    """No kernel can be made here; a warning has said so."""
 
 
 def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree:  # noqa: ANN401 - trees of arrays
@@ -34,7 +40,14 @@ def in_one_kernel(work: Callable[..., Tree], shared: Any, tables: Any) -> Tree: 
         shared: a tree of arrays without lanes.
         tables: a tree of arrays, (..., lanes).
     """
-    return _run(work, partial(kernel, work), shared, tables)
+    if not kernels_run():
+        return work(shared, tables)
+    try:
+        return _with_derivatives(work, partial(kernel, work))(shared, tables)
+    except _REASONS as error:
+        plain = work(shared, tables)  # if the work itself is wrong, it says so
+        _warn(error)
+        return plain
 
 
 def blocks_in_one_kernel(
@@ -50,6 +63,10 @@ def blocks_in_one_kernel(
         chosen: (blocks,) int32, the work of each block of BLOCK lanes.
         shared: a tree of arrays without lanes.
         tables: a tree of arrays, (..., blocks * BLOCK).
+
+    Raises:
+        NoKernelError: on an NVIDIA GPU, where no kernel can be made. Block by block would take far longer there than
+            work by work.
     """
 
     def one_by_one(chosen: jax.Array, shared: Any, tables: Any) -> Tree:  # noqa: ANN401
@@ -63,9 +80,15 @@ def blocks_in_one_kernel(
         return result
 
     def as_kernel(chosen: jax.Array, shared: Any, tables: Any) -> Tree:  # noqa: ANN401
-        return kernel(one_of, shared, tables, of_blocks=chosen)
+        return kernel(one_of, shared, tables, chosen=chosen)
 
-    return _run(one_by_one, as_kernel, chosen, shared, tables)
+    if not kernels_run():
+        return one_by_one(chosen, shared, tables)
+    try:
+        return _with_derivatives(one_by_one, as_kernel)(chosen, shared, tables)
+    except _REASONS as error:
+        _warn(error)
+        raise NoKernelError from error
 
 
 def kernels_run() -> bool:
@@ -77,18 +100,10 @@ def kernels_run() -> bool:
     return device.device_kind.startswith("NVIDIA") and generation >= int(OLDEST.partition(".")[0])
 
 
-def _run(plain: Callable[..., Tree], as_kernel: Callable[..., Tree], *given: Any) -> Tree:  # noqa: ANN401
-    """Return plain(*given), as a kernel if one can be made."""
-    if not kernels_run():
-        return plain(*given)
-    try:
-        return _with_derivatives(plain, as_kernel)(*given)
-    except (AttributeError, ImportError, KeyError, NotImplementedError, TypeError, ValueError) as error:
-        result = plain(*given)  # if the work itself is wrong, it says so
-        reason = f"{type(error).__name__}: {error}"
-        text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
-        warnings.warn(text, RuntimeWarning, stacklevel=3)
-        return result
+def _warn(error: Exception) -> None:
+    reason = f"{type(error).__name__}: {error}"
+    text = f"this version of JAX makes no kernel of the physics ({reason}); steps take many times as long"
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
 def _with_derivatives(plain: Callable[..., Tree], as_kernel: Callable[..., Tree]) -> Callable[..., Tree]:
@@ -110,7 +125,7 @@ def kernel(
     shared: Any,  # noqa: ANN401
     tables: Any,  # noqa: ANN401
     *,
-    of_blocks: jax.Array | None = None,
+    chosen: jax.Array | None = None,
     interpret: bool = False,
 ) -> Tree:
     """Do what `in_one_kernel` does.
@@ -119,7 +134,7 @@ def kernel(
         work: takes the number of its block first, if there are any.
         shared: a tree of arrays without lanes.
         tables: a tree of arrays, (..., lanes).
-        of_blocks: (blocks,) int32, a number of each block of lanes; None for none.
+        chosen: (blocks,) int32, a number of each block of lanes; None for none.
         interpret: without a GPU, for tests.
 
     Raises:
@@ -131,11 +146,11 @@ def kernel(
     shared, tables = jax.tree.map(jnp.asarray, (shared, tables))
     of_shared, lanes = jax.tree.leaves(shared), jax.tree.leaves(tables)[0].shape[-1]
     dtype = "float64" if any(leaf.dtype.itemsize == 8 for leaf in jax.tree.leaves((shared, tables))) else "float32"
-    numbers = [] if of_blocks is None else [jax.ShapeDtypeStruct((), of_blocks.dtype)]
+    of_block = [] if chosen is None else [jax.ShapeDtypeStruct((), chosen.dtype)]
     work = jax.jit(work)  # traced once, not for its shapes too
     given = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], LANES), leaf.dtype), tables)
     given_shared = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), shared)
-    results = jax.eval_shape(work, *numbers, given_shared, given)
+    results = jax.eval_shape(work, *of_block, given_shared, given)
     if not all(has_lanes(out.shape) for out in jax.tree.leaves(results)):
         raise NotImplementedError("a result without lanes in a kernel")
     layout, layout_of_results = _layout(given, dtype), _layout(results, dtype)
@@ -144,13 +159,13 @@ def kernel(
         *first, table = arguments
         return layout_of_results.pack(_widened(work(*first, _narrowed(layout.unpack(table), given)), dtype))
 
-    jaxpr = jax.make_jaxpr(in_words)(*numbers, given_shared, jax.ShapeDtypeStruct((layout.rows, LANES), layout.word))
+    jaxpr = jax.make_jaxpr(in_words)(*of_block, given_shared, jax.ShapeDtypeStruct((layout.rows, LANES), layout.word))
 
     def body(*refs: Any) -> None:  # noqa: ANN401 - references of Pallas
         words, *others, written = refs
         arguments = [
             values(leaf.shape, [ref[k] for k in range(leaf.size)])
-            for leaf, ref in zip([*numbers, *of_shared], others, strict=True)
+            for leaf, ref in zip([*of_block, *of_shared], others, strict=True)
         ]
         rows = values((layout.rows,), _read_rows(words, layout.rows))
         (done,) = evaluate(jaxpr, [*arguments, rows], BLOCK, pl.program_id(0) >> 30)
@@ -164,7 +179,7 @@ def kernel(
         grid=(blocks,),
         in_specs=[
             pl.BlockSpec((table.shape[0], BLOCK), lambda k: (0, k)),
-            *(pl.BlockSpec((1,), lambda k: (k,)) for _ in numbers),
+            *(pl.BlockSpec((1,), lambda k: (k,)) for _ in of_block),
             *(pl.BlockSpec((leaf.size,), lambda _: (0,)) for leaf in of_shared),
         ],
         out_specs=pl.BlockSpec((room, BLOCK), lambda k: (0, k)),
@@ -173,7 +188,7 @@ def kernel(
         interpret=interpret,
         name="physics",
     )
-    written = call(table, *([] if of_blocks is None else [of_blocks]), *map(jnp.ravel, of_shared))
+    written = call(table, *([] if chosen is None else [chosen]), *map(jnp.ravel, of_shared))
     left: Tree = _narrowed(layout_of_results.unpack(written[: layout_of_results.rows, :lanes]), results)
     return left
 
