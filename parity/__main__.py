@@ -12,7 +12,7 @@ from rich.console import Console
 import iphyre_jax
 from iphyre_jax.physics import Topology
 from iphyre_jax.scenes.compile import topology_of
-from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates
+from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates, require_steps
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
 from parity.reports.report import publish, run_info
@@ -87,8 +87,8 @@ def check(options: Options) -> None:
     if not options.dtype:
         raise ValueError("--dtype: expected at least one value")
     require_rates(options.fps, options.duration)
-    for scene in scenes(options):
-        iphyre_jax.load_scene(scene)
+    for name in scenes(options):
+        require_steps(iphyre_jax.load_scene(name), options.fps, options.duration)
 
 
 def tasks_of(options: Options) -> list[Task]:

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from iphyre_jax.checks import check_whole
+from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes.compile import topology_of
 
 REPORT_WIDTH = 130  # columns
 
@@ -36,6 +38,13 @@ def require_rates(fps: Sequence[int], duration: float) -> None:
         steps = duration * rate
         if not (1 <= steps < math.inf and abs(steps - round(steps)) <= 1e-6 * steps):
             raise ValueError(f"--duration: expected a whole number of steps at {rate} fps, got {duration} s")
+
+
+def require_steps(scene: Scene, fps: Sequence[int], duration: float) -> None:
+    """Check that a scene can make the steps of a play; ValueError in one line."""
+    most, steps = topology_of(scene).max_steps, round(duration * max(fps))
+    if steps > most:
+        raise ValueError(f"--duration: expected at most {most} steps for the scene {scene.name}, got {steps}")
 
 
 def options_as_json(options: object) -> dict[str, Any]:

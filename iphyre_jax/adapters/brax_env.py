@@ -12,6 +12,7 @@ from brax.envs.base import Env, State
 from iphyre_jax.adapters.arguments import refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.envs import make
+from iphyre_jax.rules import TIME_LIMIT
 
 
 def mend_brax() -> None:
@@ -35,8 +36,10 @@ class BraxEnv(Env):
     (`jax.random.PRNGKey`), and its `AutoResetWrapper` starts all episodes of a world with the game of the first.
     `mend_brax` makes brax's trainers run on newer versions of JAX.
 
-    state.pipeline_state is the `EnvState`; done is 1 where terminated or truncated; metrics has success; info has
-    terminated and truncated by gymnasium's definition, 0 or 1.
+    state.pipeline_state is the `EnvState`; metrics has success; info has terminated and truncated by gymnasium's
+    definition, 0 or 1. In brax the time limit is the wrapper's: give `episode_length=150` on the fly, so that its
+    `EpisodeWrapper` ends an episode and says so in `info["truncation"]`. done is 1 where terminated, and one decision
+    after the limit.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
@@ -64,12 +67,13 @@ class BraxEnv(Env):
         out = self.env.step(key, state.pipeline_state, own, self.params)
         obs, after, reward, *official, info = out
         terminated, truncated = gymnasium_flags(self.env, *official)
+        late = self.env.info(state.pipeline_state, self.params)["time"] >= TIME_LIMIT
         flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
         return state.replace(
             pipeline_state=after,
             obs=obs,
             reward=reward,
-            done=(terminated | truncated).astype(jnp.float32),
+            done=(terminated | late).astype(jnp.float32),
             metrics=state.metrics | {"success": info["success"].astype(jnp.float32)},
             info=state.info | flags,
         )

@@ -15,7 +15,7 @@ from iphyre_jax.adapters.arguments import checked_action, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
 from iphyre_jax.envs import Environment, EnvParams, EnvState, make
-from iphyre_jax.envs.arguments import check_batch
+from iphyre_jax.envs.arguments import check_batch, key_of
 from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.execution.forks import check_fork
 
@@ -32,8 +32,8 @@ class HostPool:
     `batch_size` below `num_envs` the caller computes while others play. An ended episode is followed by the next in the
     same call: the observation is the first of the next, `info["final_observation"]` has the last of the one that ended.
     Terminated and truncated are gymnasium's. `info["env_id"]` has the numbers of the worlds; the rest is as
-    `Environment.info` says. Each world has random numbers of its own, so that a seed gives the same games in batches of
-    any size.
+    `Environment.info` says, after a reset too. Each world has random numbers of its own, so that a seed gives the same
+    games in batches of any size.
 
     Attributes:
         env: the environment.
@@ -75,14 +75,13 @@ class HostPool:
         self.env, self.params = make(id, autoreset=True, final_observation=True, **options)
         check_batch("num_envs", self.env, num_envs)
         self.observation_space, self.action_space = self.env.observation_space(), self.env.action_space()
-        low, high = self._seed % 2**32, self._seed // 2**32
-        key = jax.random.fold_in(jax.random.key(low), high) if high else jax.random.key(low)
-        self._key = np.asarray(jax.random.key_data(key))
+        self._key = np.asarray(jax.random.key_data(key_of(self._seed)))
         self._counts = np.zeros(num_envs, np.uint32)  # decisions of each world, resets included
         self._waiting = np.zeros(num_envs, bool)  # worlds whose values the caller has
         self._state: EnvState | None = None  # of all worlds; only the thread below touches it after the first reset
         self._playing: deque[Future[Values]] = deque()
         self._thread = ThreadPoolExecutor(1, "iphyre_jax_pool")
+        self._closed = False
 
     def reset(self) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin an episode in every world; return the observations, (B, ...), and the info.
@@ -99,8 +98,12 @@ class HostPool:
         return obs, info
 
     def async_reset(self) -> None:
-        """Begin an episode in every world; `recv` returns them batch by batch, with rewards of 0."""
-        check_fork()
+        """Begin an episode in every world; `recv` returns them batch by batch, with rewards of 0.
+
+        Raises:
+            ValueError: the pool is closed; one line.
+        """
+        self._check_open("async_reset")
         while self._playing:
             self._playing.popleft().result()
         self._waiting[:] = False
@@ -116,9 +119,10 @@ class HostPool:
             env_id: (N,) whole numbers, the worlds; 0 to N - 1 if None.
 
         Raises:
-            ValueError: the actions are not of the action space, or a world does not wait for one; one line.
+            ValueError: the actions are not of the action space, a world does not wait for one, or the pool is closed;
+                one line.
         """
-        check_fork()
+        self._check_open("send")
         worlds = np.arange(self.num_envs) if env_id is None else np.asarray(env_id)
         if worlds.dtype.kind not in "iu" or worlds.shape != (self.batch_size,):
             raise ValueError(f"env_id: expected {self.batch_size} whole numbers, got {show(env_id)}")
@@ -138,9 +142,9 @@ class HostPool:
             Observations (N, ...), rewards (N,) float32, terminated (N,) bool, truncated (N,) bool, and the info.
 
         Raises:
-            ValueError: nothing was sent; one line.
+            ValueError: nothing was sent, or the pool is closed; one line.
         """
-        check_fork()
+        self._check_open("recv")
         if not self._playing:
             raise ValueError("recv: expected a call of send, reset or async_reset before")
         values = self._playing.popleft().result()
@@ -153,20 +157,29 @@ class HostPool:
         return self.recv()
 
     def close(self) -> None:
-        """End the thread."""
+        """End the thread; what still plays is dropped."""
+        self._closed = True
         self._thread.shutdown(cancel_futures=True)
+        self._playing.clear()
 
-    def _reset(self) -> npt.NDArray[Any]:
+    def _check_open(self, call: str) -> None:
+        check_fork()
+        if self._closed:
+            raise ValueError(f"{call}: expected a pool that is open, got one after close")
+
+    def _reset(self) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         with jax.enable_x64(self.env.dtype == "float64"):
             worlds = np.arange(self.num_envs, dtype=np.int32)
-            obs, self._state = _reset(self.env, self._key, worlds, self._counts, self.params)
+            obs, self._state, info = _reset(self.env, self._key, worlds, self._counts, self.params)
         self._counts += 1
-        return np.array(obs)
+        return np.array(obs), {name: np.array(value) for name, value in info.items()}
 
-    def _first_values(self, begun: Future[npt.NDArray[Any]], rows: slice) -> Values:
-        obs, worlds = begun.result()[rows], np.arange(self.num_envs, dtype=np.int32)[rows]
+    def _first_values(self, begun: Future[tuple[npt.NDArray[Any], dict[str, Any]]], rows: slice) -> Values:
+        obs, told = begun.result()
+        worlds = np.arange(self.num_envs, dtype=np.int32)[rows]
+        info = {name: value[rows] for name, value in told.items()} | {"env_id": worlds}
         no = np.zeros(len(worlds), bool)
-        return obs, np.zeros(len(worlds), np.float32), no, no.copy(), {"env_id": worlds}
+        return obs[rows], np.zeros(len(worlds), np.float32), no, no.copy(), info
 
     def _step(self, worlds: npt.NDArray[np.int32], actions: npt.NDArray[Any]) -> Values:
         state = check_instance("state", self._state, EnvState, "a state, from reset")
@@ -188,8 +201,9 @@ def _keys(key: jax.Array, worlds: jax.Array, counts: jax.Array) -> jax.Array:
 @partial(jax.jit, static_argnums=0)
 def _reset(
     env: Environment, key: jax.Array, worlds: jax.Array, counts: jax.Array, params: EnvParams
-) -> tuple[jax.Array, EnvState]:
-    return jax.vmap(env.reset, in_axes=(0, None))(_keys(key, worlds, counts), params)
+) -> tuple[jax.Array, EnvState, dict[str, jax.Array]]:
+    obs, state = jax.vmap(env.reset, in_axes=(0, None))(_keys(key, worlds, counts), params)
+    return obs, state, jax.vmap(env.info, in_axes=(0, None))(state, params)
 
 
 @partial(jax.jit, static_argnums=0)

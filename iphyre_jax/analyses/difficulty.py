@@ -109,8 +109,8 @@ def document(rates: Mapping[int, Sequence[Mapping[str, Row]]]) -> str:
         "again: some 0.4 % of plans end otherwise. Solved: share of all plays, with its 95 % Wilson interval.",
     ]
     for fps, seeds in rates.items():
-        whole = [rows for rows in seeds if set(GAMES) <= set(rows)]
-        missing = [f"seed {seed}" for seed, rows in enumerate(seeds) if rows not in whole]
+        whole = {seed: rows for seed, rows in enumerate(seeds) if set(GAMES) <= set(rows)}
+        missing = [f"seed {seed}" for seed in range(len(seeds)) if seed not in whole]
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}, {DTYPE}")
         if missing:
             parts.append(f"Still missing, in whole or in part: {', '.join(missing)}.")
@@ -119,20 +119,22 @@ def document(rates: Mapping[int, Sequence[Mapping[str, Row]]]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _split_table(seeds: Sequence[Mapping[str, Row]]) -> str:
-    """Geometric mean of the iterations by split, and agreement with people and with the paper's agents."""
-    cells = []
+def _split_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
+    """Geometric mean of the iterations by split, and agreement with people and with the paper's agents; by seed."""
+    seeds, cells = list(whole.values()), []
     for split, games in COLUMNS.items():
         logs = [np.log(iterations(rows[game])) for rows in seeds for game in games]
         people = agreement(seeds[0], games)
         agents = spearman([iterations(seeds[0][game]) for game in games], [solvers(game) for game in games])
         cells.append([TITLES[split], f"{np.exp(np.mean(logs)):.0f}", str(people), f"{agents:.2f}"])
-    header = ["split", "iterations, geometric mean", "Spearman with people, seed 0", "with agents that solve it"]
+    people_title = f"Spearman with people, seed {next(iter(whole))}"
+    header = ["split", "iterations, geometric mean", people_title, "with agents that solve it"]
     return markdown_table(header, cells)
 
 
-def _game_table(seeds: Sequence[Mapping[str, Row]]) -> str:
-    """One line a game, hardest first."""
+def _game_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
+    """One line a game, hardest first; by seed."""
+    first, seeds = next(iter(whole)), list(whole.values())
     rates, cells = success_rates(seeds), []
     for game in sorted(GAMES, key=lambda game: -iterations(seeds[0][game])):
         found = share(*rates[game])
@@ -147,4 +149,5 @@ def _game_table(seeds: Sequence[Mapping[str, Row]]) -> str:
                 f"{100 * found.value:.2f} [{100 * found.low:.2f}, {100 * found.high:.2f}]",
             ]
         )
-    return markdown_table(["game", "seed 0", "both, seed 0", f"mean of {len(seeds)} seeds", "solved %"], cells)
+    header = ["game", f"seed {first}", f"both, seed {first}", f"mean of {len(seeds)} seeds", "solved %"]
+    return markdown_table(header, cells)

@@ -17,6 +17,7 @@ import numpy as np
 from iphyre_jax.attempts.policies import attempts_of
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, show, whole_fps
+from iphyre_jax.envs.arguments import key_of
 from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scene
 from iphyre_jax.train.algos.actor_critic import State
 from iphyre_jax.train.algos.base import Algorithm
@@ -77,7 +78,7 @@ class FineTuned:
         parts = []
         for index, scene in enumerate(scenes):
             for run in range(runs):
-                key = jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), run), index)
+                key = jax.random.fold_in(jax.random.fold_in(key_of(seed), run), index)
                 parts.append(self._try(config, scene, k, key))
         stats = EpisodeStats(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return attempts_of(stats, [scene.name for scene in scenes], runs, k)

@@ -11,6 +11,7 @@ import numpy as np
 
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
+from iphyre_jax.envs.arguments import key_of
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
@@ -61,7 +62,7 @@ def policy_attempts(
         chosen = jnp.asarray(is_first.reshape(-1, *(1,) * (best.ndim - 1)))
         return sampled._replace(action=jnp.where(chosen, best, sampled.action))
 
-    stats = rollout_collector(played, games).collect(policy, jax.random.key(seed), tries)[1]
+    stats = rollout_collector(played, games).collect(policy, key_of(seed), tries)[1]
     return attempts_of(stats, games, runs, k)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +16,7 @@ from iphyre_jax.agents.language import endpoints, report, runs, transcripts
 from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
-from iphyre_jax.agents.language.settings import RATES, Caps, RunSettings, most_questions
+from iphyre_jax.agents.language.settings import RATES, Caps, RunSettings, most_questions, parameters
 from iphyre_jax.checks import check_option
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.main import INTERRUPTED
@@ -115,7 +116,7 @@ def _replay(command: Ask, settings: RunSettings, console: Console) -> None:
     file = command.replay[0] if command.replay else transcripts.handwritten_file()
     answers = Replay(file, settings)
     rows = runs.rows_of(settings, runs.run(settings, answers))
-    _print(command, settings, rows, answers.models, console, handwritten=answers.handwritten)
+    _print(command, settings, rows, answers.models, answers.parameters, console, handwritten=answers.handwritten)
 
 
 def _live(command: Ask, settings: RunSettings, console: Console) -> None:
@@ -140,7 +141,8 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
         rows = runs.rows_of(settings, runs.run(settings, answers))
         content = {"schema": ROWS_SCHEMA, "version": 1, "settings": settings.to_json(), "model": model, "rows": rows}
         replace_json(command.out / "rows.json", {**content, "origin": provenance()})
-    _print(command, settings, rows, [f"{endpoint.kind}: {endpoint.model}"], console, handwritten=False)
+    models, calls = [f"{endpoint.kind}: {endpoint.model}"], [parameters(settings.call)]
+    _print(command, settings, rows, models, calls, console, handwritten=False)
 
 
 def _print(
@@ -148,12 +150,13 @@ def _print(
     settings: RunSettings,
     rows: list[dict[str, Any]],
     models: list[str],
+    calls: Sequence[Mapping[str, Any]],
     console: Console,
     *,
     handwritten: bool,
 ) -> None:
     """Print the report, and write it if asked."""
-    text = report.document(settings, rows, models, handwritten=handwritten)
+    text = report.document(settings, rows, models, calls, handwritten=handwritten)
     say(console, text.partition("## Origin of this document")[0].rstrip())
     if command.document is not None:
         command.document.parent.mkdir(parents=True, exist_ok=True)

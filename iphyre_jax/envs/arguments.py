@@ -24,6 +24,12 @@ _BYTES_OF_DECISION = 40  # reward, flags and info
 _COPIES = 4  # of states and observations: before and after a decision, and on the way
 
 
+def key_of(seed: int) -> jax.Array:
+    """Return the random key of a seed of up to 63 bits, of which `jax.random.key` alone keeps 32."""
+    low, high = seed % 2**32, seed // 2**32
+    return jax.random.fold_in(jax.random.key(low), high) if high else jax.random.key(low)
+
+
 def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for one
     """Refuse what is not one random key, typed or not; ValueError in one line."""
     dtype: Any = getattr(key, "dtype", None)

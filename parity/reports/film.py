@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,8 @@ def play_both(
     return ours, Recording.of_poses(scene, plan, samples, fps=fps, success=theirs.success)
 
 
-def main() -> None:
-    """Write the film."""
+def main() -> int:
+    """Write the film; return 0, or 2 for bad options."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene", help="a game's name or a scene file")
     parser.add_argument("--plan", nargs="*", default=[], help="seconds, - for never")
@@ -36,6 +37,15 @@ def main() -> None:
     parser.add_argument("--resets", type=int, default=1)
     parser.add_argument("-o", "--out", type=Path, default=Path("both.mp4"))
     options = parser.parse_args()
+    try:
+        _write(options)
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def _write(options: argparse.Namespace) -> None:
     scene = iphyre_jax.load_scene(options.scene)
     plan = plan_to_steps(parse_plan(options.plan, scene), options.fps, "simulate")[0].tolist()
     plays = play_both(scene, plan, options.fps, options.dtype, options.resets)
@@ -46,4 +56,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -36,6 +36,28 @@ def test_under_the_wrappers_of_brax(strategy: str) -> None:
     step(after, jnp.zeros((4, env.action_size)))
 
 
+@pytest.mark.parametrize("episode_length", [150, 200])
+def test_the_time_limit_is_a_truncation_of_brax(episode_length: int) -> None:
+    """With the length of an episode; with a longer one the next decision is done."""
+    from brax.envs.wrappers.training import wrap
+
+    from iphyre_jax.adapters import BraxEnv
+
+    wrapped = wrap(BraxEnv("on-the-fly/hole-v1"), episode_length=episode_length)
+    state = jax.jit(wrapped.reset)(jax.random.split(jax.random.PRNGKey(0), 2))
+    wait = jnp.zeros((2, 7)).at[:, 0].set(1.0)
+    step = jax.jit(wrapped.step)
+    told = []
+    for _ in range(152):
+        state = step(state, wait)
+        told.append([float(state.done[0]), float(state.info["truncation"][0]), float(state.info["truncated"][0])])
+    assert not np.any(told[:149])
+    if episode_length == 150:
+        assert told[149:] == [[1, 1, 1], [0, 0, 0], [0, 0, 0]]
+    else:
+        assert told[149:] == [[0, 0, 1], [1, 0, 1], [0, 0, 0]]
+
+
 @pytest.mark.slow
 def test_the_ppo_of_brax_learns_over_it() -> None:
     from iphyre_jax.adapters import BraxEnv, mend_brax

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import jax
 import numpy as np
 import pytest
 
 from iphyre_jax.adapters import HostPool
+from iphyre_jax.envs.arguments import key_of
 
 WORLDS = 4
 DECISIONS = 3
@@ -35,6 +37,8 @@ def test_batches_of_half_the_worlds_play_what_one_batch_plays(pool: HostPool) ->
     obs, info = whole.reset()
     expected = [obs]
     np.testing.assert_array_equal(info["env_id"], np.arange(WORLDS))
+    assert set(info) == {"eliminations", "env_id", "fault", "final_observation", "game", "success", "time"}
+    np.testing.assert_array_equal(info["time"], 0)
     rewards = []
     for decision in range(DECISIONS):
         obs, reward, terminated, truncated, info = whole.step(_actions(np.arange(WORLDS), decision))
@@ -110,3 +114,19 @@ def test_an_episode_in_advance_ends_by_itself_and_another_begins() -> None:
 def test_bad_arguments_are_named(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         HostPool("on-the-fly/support-v1", **arguments)
+
+
+def test_a_closed_pool_says_so() -> None:
+    pool = HostPool("on-the-fly/hole-v1", 2, backend="host")
+    pool.async_reset()
+    pool.close()
+    for call in (pool.recv, pool.async_reset, pool.reset, lambda: pool.send(np.zeros(2, np.int32))):
+        with pytest.raises(ValueError, match=r"^\w+: expected a pool that is open, got one after close$"):
+            call()
+    pool.close()
+
+
+def test_seeds_of_more_than_32_bits_differ() -> None:
+    keys = [jax.random.key_data(key_of(seed)).tolist() for seed in (0, 2**32, 2**33, 1, 2**32 + 1)]
+    assert len(set(map(tuple, keys))) == 5
+    assert keys[3] == jax.random.key_data(jax.random.key(1)).tolist()

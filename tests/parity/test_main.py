@@ -24,6 +24,10 @@ from parity.__main__ import Options, main, scenes
         (["--perturbations", "0"], "--perturbations: expected numbers between -1 and 1 but not 0, got 0.0"),
         (["--games", "suport"], "suport"),
         (["--scene", "nowhere/missing.json"], "missing.json"),
+        (
+            ["--games", "multi_ball_lever", "--fps", "10", "--duration", "15000"],
+            "--duration: expected at most 131070 steps for the scene multi_ball_lever, got 150000",
+        ),
         (["--games", "support", "--duration", "0.01"], "--duration: expected a whole number of steps"),
     ],
 )

@@ -5,6 +5,7 @@ It knows neither where answers come from nor how plans are scored: `ask` gives r
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -28,8 +29,11 @@ Floats = npt.NDArray[np.float64]
 RENEWED: Final = 2  # further questions after a reply that cannot be read
 EVERY: Final = 0.5  # s between two questions on the fly
 DECISIONS: Final = round(TIME_LIMIT / EVERY)  # such questions in an attempt
-FIRST: Final = 1e-6  # s; a removal at 0 takes place at the first frame after the start, for at 0 the rule knows none
+# s; far more than the rounding of a clock, far less than a step. A removal at 0 is entered so, hence takes place at the
+# first frame after the start: at 0 the rule knows none.
+FIRST: Final = 1e-6
 DTYPE: Final = "float64"
+_ROUNDED: Final = 1e-6  # steps by which a product of seconds and rate may be too large
 
 Ask = Callable[[Question, Scene, Sequence[Message]], Answer]
 
@@ -106,7 +110,7 @@ class LanguageAgent:
             seconds += removals[0].time
             if seconds >= TIME_LIMIT:
                 return
-            _enter(times, [Removal(seconds, removals[0].slot)])
+            _enter(times, [Removal(self._time(seconds), removals[0].slot)])
 
     def _on_the_fly(self, scene: Scene, past: Sequence[Attempt], number: int, times: Floats) -> None:
         """Ask every half second what goes now."""
@@ -115,27 +119,42 @@ class LanguageAgent:
             if not np.isnan(times).any() or (moment := self._moment(scene, times, seconds)) is None:
                 return
             removals = self._read(scene, past, number, moment).removals
-            _enter(times, [Removal(seconds, index) for _, index in removals if np.isnan(times[index])])
+            now = self._time(seconds)
+            _enter(times, [Removal(now, index) for _, index in removals if np.isnan(times[index])])
+
+    def _step(self, seconds: float) -> int:
+        """The first step from so many seconds on."""
+        return math.ceil(seconds * self._fps - _ROUNDED)
+
+    def _time(self, seconds: float) -> float:
+        """The time, s, of a removal at this very moment; a little early, for the clock adds up steps and is rounded."""
+        return self._step(seconds) / self._fps - FIRST
 
     def _moment(self, scene: Scene, times: Floats, seconds: float) -> Moment | None:
-        """Where the play stands after so many seconds; None if it has ended by then."""
+        """Where the play stands after so many seconds; None if it has ended by then.
+
+        Args:
+            scene: that is played.
+            times: (S,) s, of the removals until now, that of this moment included; NaN for the others.
+            seconds: since the start.
+        """
+        step = self._step(seconds)
         played = simulate(
             scene,
             plan_to_steps(times[None], self._fps, "simulate"),
             fps=self._fps,
             resets=self._resets,
             dtype=DTYPE,
-            sample_every=self._fps // DECISIONS_PER_SECOND,
+            duration=max(step, 1) / self._fps,
+            sample_every=1,
         )
-        if played.steps[0] < TIME_LIMIT * self._fps and played.steps[0] <= seconds * self._fps:
+        if (played.success[0] or played.fault[0]) and played.steps[0] <= step:
             return None
         samples = played.samples
         assert samples is not None  # noqa: S101 - they were asked for
-        now = min(int(seconds * DECISIONS_PER_SECOND + 1e-9), samples.shape[1] - 1)
-        poses = samples[0, now].copy()
-        gone = [block for block, time in zip(scene.eliminable_blocks, times, strict=True) if time <= seconds]
-        poses[gone] = np.nan  # also what goes at this very moment
-        return Moment(seconds, poses, samples[0, max(now - 1, 0)])
+        poses = samples[0, step].copy()
+        poses[np.array(scene.eliminable_blocks)[~np.isnan(times)]] = np.nan  # also what goes at this very moment
+        return Moment(seconds, poses, samples[0, max(step - self._fps // DECISIONS_PER_SECOND, 0)])
 
     def _read(self, scene: Scene, past: Sequence[Attempt], number: int, moment: Moment | None) -> Parsed:
         """Ask until a reply can be read, three times at most; then nothing is removed."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from iphyre_jax.agents.language import transcripts
 from iphyre_jax.agents.language.calls import Answer, CallSettings
@@ -28,7 +29,7 @@ class Live:
         say: told of every call.
 
     Raises:
-        ValueError: the transcript is damaged, or another model's; one line.
+        ValueError: the transcript is damaged, another model's, or of other parameters; one line.
     """
 
     def __init__(
@@ -41,11 +42,15 @@ class Live:
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._complete, self._file, self._settings, self._caps, self._say = complete, file, settings, caps, say
-        self._asked = {**model, "parameters": parameters(settings.call)}
+        own = parameters(settings.call)
+        self._asked = {**model, "parameters": own}
         self._known = transcripts.read(file) if file.is_file() else {}
         for question, entry in self._known.items():
             if entry.model != model["model"] or entry.kind != model["kind"]:
                 raise ValueError(f"{file}: {question}: expected answers of {model['model']}, got {show(entry.model)}")
+            if entry.parameters != own:
+                got = show(str(dict(entry.parameters)))
+                raise ValueError(f"{file}: {question}: expected answers with {own}, got {got}")
         self._questions = len(self._known)
         self._tokens = sum(_tokens(entry.answer) for entry in self._known.values())
 
@@ -87,6 +92,15 @@ class Replay:
     def models(self) -> list[str]:
         """Kinds and names of the models that answered."""
         return sorted({f"{entry.kind}: {entry.model}" for entry in self._known.values()})
+
+    @property
+    def parameters(self) -> list[Mapping[str, Any]]:
+        """What the lines say of their calls, each once."""
+        found: list[Mapping[str, Any]] = []
+        for entry in self._known.values():
+            if entry.parameters not in found:
+                found.append(entry.parameters)
+        return found
 
     @property
     def handwritten(self) -> bool:

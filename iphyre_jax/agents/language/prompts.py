@@ -25,6 +25,7 @@ from iphyre_jax.physics.constants import GRAVITY
 from iphyre_jax.scenes import Scene, load_scene
 
 VERSION: Final = 1  # of all texts; a changed text takes the next number
+PHYSICS_FPS: Final = 60  # steps a second, as the base `physics` says
 Base = Literal["paper", "plain", "physics", "picture"]
 Strategy = Literal["in-advance", "combined", "on-the-fly"]
 Shown = Literal["outcome", "trajectory", "frames"]
@@ -64,7 +65,7 @@ Reward: +1000 if the goal is reached, -10 for each removal, -1 for each second u
 """
 _PHYSICS: Final = f"""\
 Physics: gravity {GRAVITY:g} px/s^2; friction 0.5 and elasticity 0.1 of each object, multiplied where two touch, so that
-hardly anything bounces; every moving object has mass 1; 60 steps a second. From rest an object falls h px in
+hardly anything bounces; every moving object has mass 1; {PHYSICS_FPS} steps a second. From rest an object falls h px in
 sqrt(2 h / {GRAVITY:g}) s: 50 px in 1 s, 200 px in 2 s. Round ends of bars reach 10 px beyond the end points.
 """
 _PAPER: Final = """\
@@ -100,7 +101,7 @@ block. You will be asked again in 0.5 s. Example of the form:
 The empty list [] waits.""",
 }
 _PICTURE: Final = "The picture shows the start; the numbers on the blocks are their indices.\n"
-_FRAMES: Final = "The pictures show the start and, of each earlier attempt, five moments after its last removal.\n"
+_FRAMES: Final = "Further pictures show, of each earlier attempt, five moments after its last removal.\n"
 _AGAIN: Final = (
     "Your answer could not be read: {problem}. Answer again and end with the JSON list in the form asked for."
 )
@@ -159,6 +160,8 @@ class Prompt:
             past = [Attempt(np.linspace(0.5, blocks - 0.5, blocks), False, -25.0, 1, 15.0, np.tile(poses, (151, 1, 1)))]
             told = Prompt(self.base, self.strategy, "trajectory" if self.shown == "frames" else self.shown)
             said.append(told.conversation(scene, past, Moment(0.5, poses, poses), draw=False))
+        if self.shown == "frames":
+            said.append([Message("user", _PICTURE + _FRAMES)])  # the past of the two games is told in words
         told_text = json.dumps([[message[:2] for message in conversation] for conversation in said])
         return hashlib.sha256(json.dumps([self.name, VERSION, _AGAIN, told_text]).encode()).hexdigest()
 
@@ -201,8 +204,8 @@ class Prompt:
         return f"{moment.seconds:.2f} s have passed in this attempt. Now:\n{state}\n"
 
     def _pictures_told(self, past: Sequence[Attempt]) -> str:
-        if self.shown == "frames" and past:
-            return _FRAMES
+        if self.shown == "frames":
+            return _PICTURE + _FRAMES if past else _PICTURE
         return _PICTURE if self.base == "picture" else ""
 
     def _pictures(self, scene: Scene, past: Sequence[Attempt]) -> tuple[bytes, ...]:

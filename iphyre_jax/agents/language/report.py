@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from iphyre_jax.agents.language.agent import DTYPE
 from iphyre_jax.agents.language.replies import REASONS
-from iphyre_jax.agents.language.settings import RunSettings, parameters
+from iphyre_jax.agents.language.settings import RunSettings
 from iphyre_jax.analyses import oracle
 from iphyre_jax.analyses.failures import SOURCES, failure_source
 from iphyre_jax.analyses.figures import COLUMNS
@@ -34,6 +34,7 @@ HANDWRITTEN: Final = (
     "without a network. No model gave them. The figures check the machinery and are no model's score."
 )
 
+UNKNOWN: Final = "not known"  # why: the orders that solve a game are known of the forty alone
 Floats = npt.NDArray[np.float64]
 
 
@@ -75,7 +76,12 @@ def bounds(settings: RunSettings) -> dict[str, Scores]:
 
 
 def document(
-    settings: RunSettings, rows: Sequence[Mapping[str, Any]], models: Sequence[str], *, handwritten: bool
+    settings: RunSettings,
+    rows: Sequence[Mapping[str, Any]],
+    models: Sequence[str],
+    calls: Sequence[Mapping[str, Any]],
+    *,
+    handwritten: bool,
 ) -> str:
     """Return the whole report.
 
@@ -83,12 +89,14 @@ def document(
         settings: of the run.
         rows: as `runs.rows_of` returns them.
         models: kinds and names of what answered.
+        calls: their parameters, see `settings.parameters`.
         handwritten: whether a person wrote replies.
     """
     mine = "hand-written replies" if handwritten else ", ".join(models)
     scores = {mine: scores_of_rows(settings, rows), **bounds(settings)}
-    call = ", ".join(f"{name} {value}" for name, value in parameters(settings.call).items())
+    call = " and ".join(", ".join(f"{name} {value}" for name, value in one.items()) for one in calls)
     answered = "by hand" if handwritten else f"by {', '.join(models)} with {call}"
+    origin = {"settings": {**settings.to_json(), "parameters": list(calls)}, **provenance()}
     parts = [
         "# Language models",
         "Written by `iphyre-jax ask`.",
@@ -109,7 +117,7 @@ def document(
         "### Game by game",
         game_table(settings, rows, scores),
         "## Origin of this document",
-        f"```json\n{json.dumps({'settings': settings.to_json(), **provenance()}, indent=1)}\n```",
+        f"```json\n{json.dumps(origin, indent=1)}\n```",
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -179,14 +187,19 @@ def reading_table(rows: Sequence[Mapping[str, Any]]) -> str:
 def failure_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]]) -> str:
     """Sources of failure by split: selection, order or timing of the blocks."""
     best = oracle.shipped(settings.fps)
+    sources = SOURCES if set(settings.games) <= set(best) else (*SOURCES, UNKNOWN)
     cells = []
     for split, games in columns(settings).items():
         counts: Counter[str] = Counter()
         for row in rows:
-            if row["game"] in games and row["game"] in best:
+            if row["game"] not in games:
+                continue
+            if row["game"] not in best:
+                counts["solved" if row["success"] else UNKNOWN] += 1
+            else:
                 counts["solved" if row["success"] else failure_source(tuple(row["order"]), best[row["game"]])] += 1
-        cells.append([TITLES.get(split, split), *(str(counts[source]) for source in SOURCES)])
-    return markdown_table(["attempts at", *SOURCES], cells)
+        cells.append([TITLES.get(split, split), *(str(counts[source]) for source in sources)])
+    return markdown_table(["attempts at", *sources], cells)
 
 
 def game_table(settings: RunSettings, rows: Sequence[Mapping[str, Any]], scores: Mapping[str, Scores]) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from iphyre_jax.agents.language.agent import DECISIONS, DTYPE, RENEWED
 from iphyre_jax.agents.language.calls import CallSettings
-from iphyre_jax.agents.language.prompts import VERSION, Base, Prompt, Shown, Strategy
+from iphyre_jax.agents.language.prompts import PHYSICS_FPS, VERSION, Base, Prompt, Shown, Strategy
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.checks import check_option, check_whole, show
 from iphyre_jax.scenes import GAMES, SPLITS, load_scene
@@ -57,6 +57,8 @@ class RunSettings:
         check_whole("samples", self.samples, 1, MOST_SAMPLES)
         check_option("fps", str(self.fps), RATES)
         _ = self.asked  # its words are checked
+        if self.prompt == "physics" and self.fps != PHYSICS_FPS:
+            raise ValueError(f"fps: expected {PHYSICS_FPS} with the prompt physics, which states it, got {self.fps}")
 
     @cached_property
     def asked(self) -> Prompt:

@@ -57,6 +57,7 @@ class Entry(NamedTuple):
     conversation: tuple[tuple[str, str], ...] | None  # role and text
     kind: str
     model: str
+    parameters: Mapping[str, Any]  # of the call, see `settings.parameters`; empty if a person wrote the line
     answer: Answer
 
 
@@ -184,6 +185,7 @@ def _entry(content: bytes, where: str) -> tuple[Question, Entry]:
         _messages(line.get("messages"), where),
         _field(line, "kind", str, where),
         _field(line, "model", str, where),
+        _field(line, "parameters", dict, where),
         answer,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,15 @@ from iphyre_jax.agents.language import runs, transcripts
 from iphyre_jax.agents.language.agent import LanguageAgent
 from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import Answer, CallFailedError, CallSettings
+from iphyre_jax.agents.language.descriptions import describe_state
 from iphyre_jax.agents.language.prompts import Message, Prompt
-from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions
+from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.agents.language.transcripts import Question
 from iphyre_jax.attempts.protocol import Attempts
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.simulation import simulate
 
 SUPPORT = load_scene("support")
 SETTINGS = RunSettings(games=("support",), attempts=2)
@@ -82,33 +85,65 @@ def test_time_zero_is_the_first_moment() -> None:
 class Played:
     """What `simulate` returns of a world in which nothing moves and which is solved after so many steps."""
 
-    def __init__(self, steps: int) -> None:
-        self.steps = np.array([steps])
-        self.samples = np.zeros((1, 151, SUPPORT.n_objects, 3))
+    def __init__(self, steps: int, duration: float) -> None:
+        last = round(duration * 10)
+        self.success, self.fault = np.array([steps <= last]), np.zeros(1, int)
+        self.steps = np.array([min(steps, last)])
+        self.samples = np.zeros((1, last + 1, SUPPORT.n_objects, 3))
 
 
 @pytest.fixture
 def ends_after(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    steps = [150]
-    monkeypatch.setattr(agent_module, "simulate", lambda *args, **options: Played(steps[0]))
+    steps = [151]
+    monkeypatch.setattr(agent_module, "simulate", lambda *args, **options: Played(steps[0], options["duration"]))
     return steps
+
+
+def steps_of(model: Model, strategy: StrategyName, fps: int = 10) -> list[int]:
+    times = agent(model, Prompt("plain", strategy), fps)(SUPPORT, 1, np.random.default_rng(0), ())
+    steps: list[int] = plan_to_steps(times, fps, "simulate")[0].tolist()
+    return steps
+
+
+@pytest.mark.parametrize("fps", [10, 60])
+def test_what_goes_now_goes_at_the_step_of_now(fps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the accumulated clock 8.0 s is just behind step 80, or step 480."""
+    still = SimpleNamespace(success=[False], fault=[0], steps=[0], samples=np.zeros((1, 1000, SUPPORT.n_objects, 3)))
+    monkeypatch.setattr(agent_module, "simulate", lambda *args, **options: still)
+    for moment in range(1, 30):
+        replies = ["[]"] * moment + ['[{"index": 1}]'] + ["[]"] * 30
+        assert steps_of(Model(*replies), "on-the-fly", fps) == [-1, moment * fps // 2]
+
+
+@pytest.mark.slow
+def test_combined_is_told_where_things_are_now() -> None:
+    """A ball that has fallen freely: not where it was at the last tenth of a second."""
+    model = Model('[{"time": 0.29, "index": 0}]', "[]")
+    agent(model, Prompt("plain", "combined"), 60)(SUPPORT, 1, np.random.default_rng(0), ())
+    played = simulate(SUPPORT, [[18, -1]], fps=60, duration=18 / 60, sample_every=1, dtype="float64")
+    assert played.samples is not None
+    now = describe_state(SUPPORT, *(played.samples[0, step] for step in (18, 12)))
+    assert now.splitlines()[0] in model.heard[1][1].text
 
 
 def test_combined_asks_after_each_removal(ends_after: list[int]) -> None:
     model = Model('[{"time": 2, "index": 1}]', '[{"time": 0.5, "index": 0}]')
-    assert plan(model, Prompt("plain", "combined")) == [2.5, 2.0]
+    assert steps_of(model, "combined") == [25, 20]
     assert "0.00 s have passed" in model.heard[0][1].text
     assert "index 1: removed" in model.heard[1][1].text
-    assert plan(Model("[]"), Prompt("plain", "combined")) == pytest.approx([np.nan] * 2, nan_ok=True)
+    assert steps_of(Model("[]"), "combined") == [-1, -1]
     again = Model('[{"time": 2, "index": 1}]', '[{"time": 1, "index": 1}]')  # a block that is gone
-    assert plan(again, Prompt("plain", "combined")) == pytest.approx([np.nan, 2.0], nan_ok=True)
+    assert steps_of(again, "combined") == [-1, 20]
     late = Model('[{"time": 9, "index": 1}]', '[{"time": 9, "index": 0}]')  # after the end
-    assert plan(late, Prompt("plain", "combined")) == pytest.approx([np.nan, 9.0], nan_ok=True)
+    assert steps_of(late, "combined") == [-1, 90]
+    at_once = Model('[{"time": 0, "index": 1}]', "[]")
+    assert steps_of(at_once, "combined") == [-1, 1]
+    assert "index 1: removed" in at_once.heard[1][1].text
 
 
 def test_on_the_fly_asks_every_half_second_until_the_end(ends_after: list[int]) -> None:
     model = Model("[]", "[]", '[{"index": 1}]', '[{"index": 1}, {"index": 0}]')
-    assert plan(model, Prompt("plain", "on-the-fly")) == [1.5, 1.0]
+    assert steps_of(model, "on-the-fly") == [15, 10]
     ends_after[0] = 12  # solved after 1.2 s
     model = Model(*["[]"] * 9)
     plan(model, Prompt("plain", "on-the-fly"))
@@ -178,6 +213,15 @@ def test_a_replay_names_what_is_missing_or_different(tmp_path: Path, monkeypatch
         runs.run(other, Replay(tmp_path / "t.jsonl", other))
     with pytest.raises(ValueError, match=r"expected answers of other, got 'tiny'$"):
         Live(Model(), tmp_path / "t.jsonl", {**MODEL, "model": "other"}, SETTINGS, Caps())
+    warm = RunSettings(games=("support",), call=CallSettings(temperature=1.7))
+    with pytest.raises(ValueError, match=r"expected answers with .'temperature': 1.7, .* got \W+temperature': 0.5, "):
+        Live(Model(), tmp_path / "t.jsonl", MODEL, warm, Caps())
+    assert Replay(tmp_path / "t.jsonl", warm).parameters == [parameters(SETTINGS.call)]
+
+
+def test_the_prompt_physics_is_of_its_rate() -> None:
+    with pytest.raises(ValueError, match=r"^fps: expected 60 with the prompt physics, which states it, got 10$"):
+        RunSettings(games=("support",), prompt="physics", fps=10)
 
 
 def test_a_folder_holds_one_run(tmp_path: Path) -> None:
