@@ -175,8 +175,10 @@ def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png"
         suffixes: endings, of which it must have one; none for any.
 
     Raises:
-        ValueError: another ending, or a folder that does not exist; one line.
+        ValueError: another ending, a folder, or one that does not exist; one line.
     """
+    if path is not None and path.is_dir():
+        raise ValueError(f"{name}: expected the name of a file, got the folder {show(str(path))}")
     if path is not None and suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f"{name}: expected a file name that ends in {', '.join(suffixes)}, got {show(str(path))}")
     if path is not None and not path.parent.is_dir():
@@ -222,12 +224,13 @@ def check_exist(*files: Path) -> None:
 
 
 def check_writable(folder: Path, name: str) -> None:
-    """Learn that a folder cannot be written before the work whose result goes there.
+    """Learn that a folder cannot be written, or made, before the work whose result goes there.
 
     Raises:
         PermissionError: it cannot; one line that begins with `name`.
     """
-    if not os.access(folder, os.W_OK):
+    there = next((part for part in (folder, *folder.absolute().parents) if part.exists()), folder)
+    if not os.access(there, os.W_OK):
         raise PermissionError(f"{one_line(name)}: expected a folder that can be written, and {folder} cannot")
 
 

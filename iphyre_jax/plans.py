@@ -144,6 +144,8 @@ def steps_to_times(steps: npt.NDArray[np.integer[Any]], fps: int) -> npt.NDArray
 def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:
     """Read a plan as people write it: a time for each eliminable block, or "never" or "-" for one that stays.
 
+    0 is taken too. It removes nothing, by the official rules.
+
     Args:
         words: times in seconds, in the order of the scene's eliminable blocks; blocks without a word stay.
         scene: the scene to play.
@@ -166,5 +168,5 @@ def parse_plan(words: Sequence[str], scene: Scene) -> npt.NDArray[np.float64]:
         except (ValueError, TypeError, OverflowError):
             seconds[0, k] = -1.0
         if seconds[0, k] < 0 or np.isinf(seconds[0, k]) or (np.isnan(seconds[0, k]) and word not in NEVER_WORDS):
-            raise ValueError(f"plan: expected seconds from 0 on, or never, separated by spaces, got {show(word)}")
+            raise ValueError(f"plan: expected seconds above 0, or never, separated by spaces, got {show(word)}")
     return seconds

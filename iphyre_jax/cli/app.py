@@ -6,8 +6,9 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from operator import or_
+from shutil import get_terminal_size
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from rich.table import Table
 from iphyre_jax.checks import check_option
 from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, world
 from iphyre_jax.cli.console import CommandConsole, option, say
+from iphyre_jax.cli.signals import until_signal
 from iphyre_jax.cli.viewer import pages, render
 from iphyre_jax.cli.viewer.pages import PlayPage, Replay, Score
 from iphyre_jax.cli.viewer.render import Plan, Render
@@ -30,6 +32,7 @@ from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
 from iphyre_jax.train.storage import pretrained
 
+NARROWEST = 20  # columns of a help text
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
 
 
@@ -91,7 +94,12 @@ def _parse(arguments: list[str]) -> object:
         for name, (kind, _) in SUBCOMMANDS.items()
     ]
     commands: Any = reduce(or_, kinds)
-    description = "I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes."
+    description = (
+        "I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes. "
+        "iphyre-jax --version prints the version."
+    )
+    if get_terminal_size().columns < NARROWEST:  # the parser never ends with some five
+        os.environ["COLUMNS"] = str(NARROWEST)
     command: object = tyro.cli(commands, prog="iphyre-jax", description=description, args=arguments)
     return command
 
@@ -167,8 +175,8 @@ SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
     "simulate": (Simulate, _simulate),
     "games": (Games, _games),
     "scene": (scenes.SceneCommand, scenes.run),
-    "render": (Render, render.render),
-    "replay": (Replay, pages.replay),
+    "render": (Render, lambda command, console: until_signal(partial(render.render, command, console))),
+    "replay": (Replay, lambda command, console: until_signal(partial(pages.replay, command, console))),
     "play": (PlayPage, pages.play),
     "score": (Score, pages.score),
     "collect": (data.Collect, data.run),

@@ -16,8 +16,7 @@ from iphyre_jax.agents.language import endpoints, report, runs, transcripts
 from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
-from iphyre_jax.agents.language.settings import RATES, Caps, RunSettings, most_questions, parameters
-from iphyre_jax.checks import check_option
+from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
@@ -78,7 +77,6 @@ class Ask:
         named = self.games or GAMES
         games = tuple(game for name in named for game in SPLITS.get(name, (name,)))
         call = CallSettings(self.temperature, self.max_tokens, self.completion_tokens)
-        check_option("fps", str(self.fps), RATES)
         return RunSettings(
             games, self.prompt, self.strategy, self.feedback, self.attempts, self.samples, self.fps, call
         )

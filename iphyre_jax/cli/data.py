@@ -34,7 +34,7 @@ from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import pretrained, runs
-from iphyre_jax.viewer.plays import read_plays
+from iphyre_jax.viewer.plays import iter_plays
 
 PLANS_AT_ONCE = 256  # of a policy
 WORLD_FPS: Final = 60  # of people and of the official data
@@ -146,7 +146,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
-        check_path(command.out)
+        check_path(command.out, "out")
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.minari is not None:
@@ -242,7 +242,7 @@ def _read(source: Path) -> Dataset:
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
     if source.suffix == ".jsonl":
-        return dataset_from_plays(read_plays(source))
+        return dataset_from_plays(iter_plays(source, required=True))
     return dataset_from_plays([line.play for line in read_player_lines(source)])
 
 
@@ -252,6 +252,9 @@ def _trained(name: str) -> tuple[TrainConfig, State]:
         config, run_state = runs.load(Path(name))
         state = run_state.learner
     else:
+        if name not in pretrained.names():
+            known = ", ".join(pretrained.names())
+            raise ValueError(f"policy: expected the folder of a run, or one of {known}; got {show(name)}")
         loaded = pretrained.load_pretrained(name)
         config, state = loaded.config, loaded.state
     if config.strategy != "in-advance":

@@ -68,7 +68,7 @@ def _run(command: Generate, console: Console, report: Callable[[str], None]) -> 
 
 def _make(command: Generate, out: Path | None, report: Callable[[str], None]) -> GeneratedScenes:
     """Generate and write the scenes."""
-    npz, _ = check_path(out or Path())
+    npz, _ = check_path(out or Path(), "out")
     check_writable(npz.parent, "out")
     journal = npz.with_suffix(".parts")
     return generate_scenes(

@@ -38,10 +38,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     box if an option is wrong. 130: Ctrl-C; 143 and 129: SIGTERM and SIGHUP, by which a training run is saved as by
     Ctrl-C. 141: the reader of the output has gone.
     """
-    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
-        print(f"iphyre-jax {__version__}")
-        return 0
     try:
+        if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+            print(f"iphyre-jax {__version__}", flush=True)
+            return 0
         commands = importlib.import_module("iphyre_jax.cli.app")
         return int(commands.run(arguments))
     except ModuleNotFoundError as error:
@@ -55,7 +55,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else the interpreter complains as it ends
         return OUTPUT_CLOSED
-    except (ValueError, OSError, MemoryError) as error:
+    except OSError as error:
+        named = error.strerror and error.filename  # the system's words, without its number
+        return _fail(f"{error.filename}: {error.strerror}" if named else str(error))
+    except (ValueError, MemoryError) as error:
         return _fail(str(error) or "out of memory")
     except SystemExit as end:  # of the parser: --help and wrong options
         return end.code if isinstance(end.code, int) else ERROR if end.code else 0
@@ -64,6 +67,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str) -> int:
-    """Print an error in one line and return its exit code."""
-    print(f"iphyre-jax: {' '.join(message.splitlines())}", file=sys.stderr)
+    """Print an error, or several, in one line and return its exit code."""
+    print(f"iphyre-jax: {'; '.join(message.splitlines())}", file=sys.stderr)
     return ERROR

@@ -59,11 +59,20 @@ def resumable(work: Callable[[], None], console: Console) -> int:
 
 def with_status(work: Callable[[Callable[[str], None]], int], console: Console) -> int:
     """Do what reports its progress, a line of text at a time, and return its exit code, or that of a signal."""
+
+    def shown() -> int:
+        with console.status("starting") as status:
+            return work(lambda text: status.update(text))
+
+    return until_signal(shown)
+
+
+def until_signal(work: Callable[[], int | None]) -> int:
+    """Do a piece of work and return its exit code, or that of a signal; what it has begun to write is removed."""
     with interrupting() as signals:
         try:
-            with console.status("starting") as status:
-                return work(lambda text: status.update(text))
+            return work() or 0
         except KeyboardInterrupt:
             if not signals:
                 raise
-    return exit_code(signals[0]) if signals else INTERRUPTED
+    return exit_code(signals[0])

@@ -174,10 +174,11 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
     return Dataset(scenes, **{name: arrays.get(name) for name in _DTYPES}, manifest=manifest)  # type: ignore[arg-type]
 
 
-def check_path(path: str | os.PathLike[str]) -> tuple[Path, Path]:
-    """Return the two files of a data set, NAME.npz and NAME.json; ValueError in one line for another path."""
+def check_path(path: str | os.PathLike[str], name: str = "path") -> tuple[Path, Path]:
+    """Return the two files of a data set, NAME.npz and NAME.json; ValueError, which begins with `name`, for others."""
     if not isinstance(path, str | os.PathLike) or "\0" in str(path) or Path(path).suffix not in (".npz", ".json"):
-        raise ValueError(f"path: expected the path of a data set, NAME.npz, got {show(path)}")
+        got = show(str(path) if isinstance(path, os.PathLike) else path)
+        raise ValueError(f"{name}: expected the path of a data set, NAME.npz, got {got}")
     return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
 
 

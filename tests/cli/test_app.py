@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import builtins
+import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +16,8 @@ import pytest
 import iphyre_jax
 from iphyre_jax import GAMES, SPLITS
 from iphyre_jax.cli.main import run
+from iphyre_jax.cli.signals import until_signal
+from iphyre_jax.files import replacing
 
 
 def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,11 +58,11 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
         (["simulate", "missing.json"], "missing.json"),
         (
             ["simulate", "support", "--plan", "soon"],
-            "plan: expected seconds from 0 on, or never, separated by spaces, got 'soon'",
+            "plan: expected seconds above 0, or never, separated by spaces, got 'soon'",
         ),
         (["simulate", "support", "--plan", "1", "2", "3"], "plan: expected at most 2 times"),
-        (["simulate", "support", "--plan", "-1"], "plan: expected seconds from 0 on"),
-        (["simulate", "support", "--plan", "inf"], "plan: expected seconds from 0 on"),
+        (["simulate", "support", "--plan", "-1"], "plan: expected seconds above 0"),
+        (["simulate", "support", "--plan", "inf"], "plan: expected seconds above 0"),
         (["simulate", "support", "--fps", "25", "--rule", "in_advance"], "fps: expected a multiple of 10"),
         (["simulate", "support", "--resets", "0"], "resets: expected"),
         (["games", "--split", "advanced"], "split: expected one of"),
@@ -116,6 +121,45 @@ def test_help_is_no_error(command: str, capsys: pytest.CaptureFixture[str]) -> N
 def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["--version"]) == 0
     assert capsys.readouterr().out == f"iphyre-jax {iphyre_jax.__version__}\n"
+
+
+def test_the_version_may_find_nobody_who_reads() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-c", "from iphyre_jax.cli.main import main; main()", "--version"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_a_signal_leaves_no_draft(tmp_path: Path) -> None:
+    def work() -> None:
+        with replacing(tmp_path / "film.mp4") as draft:
+            draft.write_bytes(b"half")
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(9)
+
+    assert until_signal(work) == 143
+    assert not list(tmp_path.iterdir())
+    assert until_signal(lambda: None) == 0
+
+
+def test_errors_of_the_system_have_no_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["collect", "--verify", "nowhere.npz"]) == 2
+    assert capsys.readouterr().err == "iphyre-jax: nowhere.npz: No such file or directory\n"
+
+
+def test_several_errors_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert run(["scene", "check", "none.json", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "; " in said
+
+
+def test_a_narrow_terminal_has_help(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "5")
+    assert run(["simulate", "--help"]) == 0
+    assert "plan" in capsys.readouterr().out
 
 
 def test_the_old_evaluate_of_a_policy_warns(

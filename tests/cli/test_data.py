@@ -60,7 +60,7 @@ def test_plans_of_a_pretrained_policy(tmp_path: Path, capsys: pytest.CaptureFixt
         (["collect", "--source", "a.npz", "--out", "b.npz", "--fps", "10"], "fps: expected none with --source"),
         (["collect", "hole", "--out", "a.npz", "--distribution", "policy"], "policy: expected a pretrained policy"),
         (["collect", "--source", "missing.json", "--out", "a.npz"], "missing.json"),
-        ([*SMALL, "--out", "a.txt"], "path: expected the path of a data set"),
+        ([*SMALL, "--out", "a.txt"], "out: expected the path of a data set"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -13,7 +13,7 @@ from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.checks import check_option, check_whole, show
 from iphyre_jax.scenes import GAMES, SPLITS, load_scene
 
-RATES: Final = ("60", "10")
+RATES: Final = (60, 10)
 MOST_ATTEMPTS: Final = 100
 MOST_SAMPLES: Final = 1000
 _MOST_QUESTIONS: Final = 10**9
@@ -55,7 +55,8 @@ class RunSettings:
             raise ValueError(f"games: expected each game once, and at least one, got {show(self.games)}")
         check_whole("attempts", self.attempts, 1, MOST_ATTEMPTS)
         check_whole("samples", self.samples, 1, MOST_SAMPLES)
-        check_option("fps", str(self.fps), RATES)
+        if check_whole("fps", self.fps) not in RATES:
+            raise ValueError(f"fps: expected one of {', '.join(map(str, RATES))}, got {self.fps}")
         _ = self.asked  # its words are checked
         if self.prompt == "physics" and self.fps != PHYSICS_FPS:
             raise ValueError(f"fps: expected {PHYSICS_FPS} with the prompt physics, which states it, got {self.fps}")

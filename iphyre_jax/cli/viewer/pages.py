@@ -71,11 +71,12 @@ def replay(command: Replay, console: Console) -> None:
     """`iphyre-jax replay`."""
     if not command.sources:
         raise ValueError("sources: expected at least one file of plays, run folder, or best")
-    check_output("out", command.out, ())
+    check_output("out", command.out, (".html", ".htm"))
     plays = (play for source in command.sources for play in each_play(source))
     chosen = [play for play in plays if not command.games or play.scene.name in command.games]
-    if not chosen:
-        raise ValueError(f"games: expected games with plays in the sources, got {', '.join(command.games)}")
+    without = sorted(set(command.games) - {play.scene.name for play in chosen})
+    if without or not chosen:
+        raise ValueError(f"games: expected games with plays in the sources, got {', '.join(without) or 'no plays'}")
     with console.status(f"playing {len(chosen)} plans"):
         changed = write_replay(command.out, chosen, title=command.title)
     for line in changed:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 from rich.console import Console
 
-from iphyre_jax.checks import MAX_SECONDS, check_least
+from iphyre_jax.checks import check_least
 from iphyre_jax.cli.console import option, refuse_unread, say, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
@@ -31,7 +31,7 @@ Plan = Annotated[
     option(
         "SECONDS ...",
         'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
-        '"never" or "-" keeps a block. Blocks without a time stay.',
+        '"never" or "-" keeps a block, and so does 0, by the official rules. Blocks without a time stay.',
         "remove nothing",
     ),
 ]
@@ -93,11 +93,12 @@ READ_FOR: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 def render(command: Render, console: Console) -> None:
     """`iphyre-jax render`."""
     from iphyre_jax.viewer.films import SUFFIXES, save, save_picture
+    from iphyre_jax.viewer.frames import MAX_SECONDS
     from iphyre_jax.viewer.sheets import contact_sheet, start_of
 
     what, frame = command.what, -1 if command.frame is None else command.frame
     starts = GAMES if what == "all" else SPLITS.get(what)
-    of_plays = what == BEST or what.endswith(".jsonl") or Path(what).is_dir()
+    of_plays = what == BEST or what.endswith(".jsonl") or (what != "" and Path(what).is_dir())
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
     is_sheet = shown in ("sheet", "plays")
     check_output("out", command.out, (".png",) if is_sheet else SUFFIXES)

@@ -62,9 +62,9 @@ class PlayServer(HTTPServer):
     def __init__(self, api: Api, token: str, port: int = 0, seconds: float = REQUEST_SECONDS) -> None:
         self.api, self.seconds = api, seconds
         self._places, self._strangers = BoundedSemaphore(CONNECTIONS), BoundedSemaphore(STRANGERS)
+        self._reception = Reception(self._admit, seconds)  # first: a port that is taken closes the server
         super().__init__(("127.0.0.1", port), BaseHTTPRequestHandler)  # `_serve` makes the handlers
         self.guard = Guard(token, self.server_port)
-        self._reception = Reception(self._admit, seconds)
 
     @property
     def address(self) -> str:

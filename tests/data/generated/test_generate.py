@@ -239,7 +239,7 @@ def test_the_shipped_scenes_are_described(capsys: pytest.CaptureFixture[str]) ->
     ("arguments", "message"),
     [
         ([], "out: expected the file to write, --out NAME.npz"),
-        (["--out", "a.txt"], "path: expected the path of a data set"),
+        (["--out", "a.txt"], "out: expected the path of a data set"),
         (["--out", "a.npz", "--count", "0"], "count: expected a whole number of at least 1"),
         (["--out", "a.npz", "--seed", "-1"], "seed: expected a whole number of at least 0"),
         (["--describe", "missing.npz"], "missing.npz"),

@@ -73,6 +73,15 @@ def say(server: PlayServer, text: bytes) -> bytes:
             return b""
 
 
+def test_a_port_that_is_taken_is_an_error_of_the_system() -> None:
+    with (
+        PlayServer(Api(Session(None)), TOKEN) as server,
+        pytest.raises(OSError, match="in use"),
+        PlayServer(Api(Session(None)), TOKEN, server.server_port),
+    ):
+        pass
+
+
 def test_the_page_and_its_files_are_served(server: PlayServer) -> None:
     for name in ("", *FILES):
         status, content = ask(server, name, method="GET", Origin=None)
