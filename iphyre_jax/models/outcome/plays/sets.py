@@ -55,7 +55,7 @@ def _kind_number(plays: Dataset) -> npt.NDArray[np.int64]:
 
 
 def same_plans(plays: Dataset, others: Dataset) -> npt.NDArray[np.bool_]:
-    """(N,) whether each play has the scene and the planned steps of one of some others, those after its end included."""
+    """(N,) whether each play has the scene and the planned steps, also those after its end, of one of others."""
     known = {(others.scenes[game].name, *steps) for game, steps in zip(others.game, others.steps.tolist(), strict=True)}
     names = [plays.scenes[game].name for game in plays.game]
     return np.array([(name, *steps) in known for name, steps in zip(names, plays.steps.tolist(), strict=True)], bool)
