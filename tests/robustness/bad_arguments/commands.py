@@ -11,6 +11,8 @@ from tests.robustness.bad_arguments.kinds import (
     Row,
 )
 
+PAGE = OUT.replace(".png", ".html")
+
 
 def rows() -> list[Row]:
     """Return the rows of the command line."""
@@ -34,9 +36,9 @@ def rows() -> list[Row]:
         ("render", "fade", ("-1", "nan", "inf", "1e300"), lambda v: command("render", "basic", "-o", OUT, "--fade", v)),
         ("render", "fps", ("0", "100000000"), lambda v: command("render", "hole", "-o", OUT, "--fps", v)),
         ("render", "game", ("nonsense",), lambda v: command("render", "best", "-o", OUT, "--game", v)),
-        ("replay", "scene", (scene_file(),), lambda v: command("replay", v, "-o", OUT)),
-        ("replay", "game", ("hole",), lambda v: command("replay", v, "-o", OUT)),
-        ("replay", "games", ("nonsense",), lambda v: command("replay", "best", "--games", v, "-o", OUT)),
+        ("replay", "scene", (scene_file(),), lambda v: command("replay", v, "-o", PAGE)),
+        ("replay", "game", ("hole",), lambda v: command("replay", v, "-o", PAGE)),
+        ("replay", "games", ("nonsense",), lambda v: command("replay", "best", "--games", v, "-o", PAGE)),
         ("play", "port", ("-1", "65536", "9" * 30), lambda v: command("play", "--port", v)),
         ("play", "name", ("", "a\nb"), lambda v: command("play", "--name", v)),
         ("score", "plays", ("nonsense",), lambda v: command("score", v)),
