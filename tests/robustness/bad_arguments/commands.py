@@ -11,7 +11,7 @@ from tests.robustness.bad_arguments.kinds import (
     Row,
 )
 
-PAGE = OUT.replace(".png", ".html")
+PAGE = OUT.with_suffix(".html")
 
 
 def rows() -> list[Row]:
