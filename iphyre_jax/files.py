@@ -177,11 +177,13 @@ def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png"
     Raises:
         ValueError: another ending, a folder, or one that does not exist; one line.
     """
-    if path is not None and path.is_dir():
+    if path is None:
+        return
+    if path.is_dir():
         raise ValueError(f"{name}: expected the name of a file, got the folder {show(str(path))}")
-    if path is not None and suffixes and path.suffix.lower() not in suffixes:
+    if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f"{name}: expected a file name that ends in {', '.join(suffixes)}, got {show(str(path))}")
-    if path is not None and not path.parent.is_dir():
+    if not path.parent.is_dir():
         raise ValueError(f"{name}: expected a file in a folder that exists, got {show(str(path))}")
 
 

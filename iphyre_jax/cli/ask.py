@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,8 +19,7 @@ from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.cli.console import option, refuse_unread, say
-from iphyre_jax.cli.main import INTERRUPTED
-from iphyre_jax.cli.signals import exit_code, interrupting
+from iphyre_jax.cli.signals import resumable
 from iphyre_jax.files import locked, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
@@ -94,19 +94,12 @@ def run(command: Ask, console: Console) -> int:
         of_model = ("max_questions", "max_tokens_in_all", "out", "record")
         refuse_unread(command, {entry.name for entry in fields(command)} - {*of_model}, "with --replay")
     settings = command.settings()
-    with interrupting() as signals:
-        try:
-            if command.replay is not None:
-                _replay(command, settings, console)
-            else:
-                _live(command, settings, console)
-        except CallFailedError as error:
-            say(console, f"{error}\nNothing was scored for this call; the same command goes on from here.")
-            return FAILED
-        except KeyboardInterrupt:
-            say(console, "Interrupted; the same command goes on from the last answer.")
-            return exit_code(signals[0]) if signals else INTERRUPTED
-    return 0
+    answered = _live if command.replay is None else _replay
+    try:
+        return resumable(partial(answered, command, settings, console), console, "answer")
+    except CallFailedError as error:
+        say(console, f"{error}\nNothing was scored for this call; the same command goes on from here.")
+        return FAILED
 
 
 def _replay(command: Ask, settings: RunSettings, console: Console) -> None:

@@ -46,33 +46,33 @@ def exit_code(number: int) -> int:
     return 128 + number
 
 
-def resumable(work: Callable[[], None], console: Console) -> int:
-    """Do what the same command can continue, and return the exit code; if it is interrupted, say so."""
+def until_signal(work: Callable[[], int | None]) -> int:
+    """Do a piece of work and return its exit code, or that of Ctrl-C or a signal; drafts of files are removed."""
     with interrupting() as signals:
         try:
-            work()
+            return work() or 0
         except KeyboardInterrupt:
-            say(console, "Interrupted; the same command goes on from the last checkpoint.")
             return exit_code(signals[0]) if signals else INTERRUPTED
-    return 0
+
+
+def resumable(work: Callable[[], int | None], console: Console, last: str = "checkpoint") -> int:
+    """Do what the same command continues from its last checkpoint; if it is interrupted, say so. Returns as above."""
+
+    def told() -> int | None:
+        try:
+            return work()
+        except KeyboardInterrupt:
+            say(console, f"Interrupted; the same command goes on from the last {last}.")
+            raise
+
+    return until_signal(told)
 
 
 def with_status(work: Callable[[Callable[[str], None]], int], console: Console) -> int:
-    """Do what reports its progress, a line of text at a time, and return its exit code, or that of a signal."""
+    """Do what reports its progress, a line of text at a time. Returns as above."""
 
     def shown() -> int:
         with console.status("starting") as status:
             return work(lambda text: status.update(text))
 
     return until_signal(shown)
-
-
-def until_signal(work: Callable[[], int | None]) -> int:
-    """Do a piece of work and return its exit code, or that of a signal; what it has begun to write is removed."""
-    with interrupting() as signals:
-        try:
-            return work() or 0
-        except KeyboardInterrupt:
-            if not signals:
-                raise
-    return exit_code(signals[0])
