@@ -62,7 +62,7 @@ class Sorted(NamedTuple):
 
 
 def sort_into_blocks(topology_id: jax.Array, topologies: int, lanes: int) -> Sorted:
-    """Return worlds with given topologies, (B,), in blocks of so many lanes, for all of which there is a number before.
+    """Return worlds with given topologies, (B,), in blocks of so many lanes; the shapes alone say how many blocks.
 
     Spare lanes play a world of their block again, and spare blocks are the last one again.
     """
