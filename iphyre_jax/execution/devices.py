@@ -71,14 +71,17 @@ def lanes_of(topology: Topology, dtype: str) -> int:
     return lanes
 
 
-def traced_lanes(worlds: int, topologies: int) -> int:
-    """Return how many of so many worlds run side by side in the user's program.
+def cpu_lanes(topology: Topology, dtype: str) -> int:
+    """Return how many worlds of a topology a CPU plays side by side in the user's program."""
+    return LANES if topology.moving <= 2 else lanes_of(topology, dtype)
 
-    An accelerator takes as long for few as for thousands. So a topology has one group, even if its share is double. On
-    an NVIDIA GPU this is for one topology, and where no kernel of several can be made.
+
+def traced_lanes(worlds: int, topologies: int) -> int:
+    """Return how many of so many worlds run side by side in the user's program on an accelerator.
+
+    It takes as long for few as for thousands. So a topology has one group, even if its share is double. On an NVIDIA
+    GPU this is for one topology, and where no kernel of several can be made.
     """
-    if on_cpu():
-        return min(worlds, LANES)
     return min(worlds, MOST_OF_DEVICE, max(FEWEST_OF_DEVICE, 2 * worlds // topologies))
 
 

@@ -15,8 +15,8 @@ Tree = TypeVar("Tree")
 ATTRIBUTES: Final[Mapping[str, str]] = {"xla_cpu_small_call": "true", "inlineable": "false"}
 
 
-def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa: ANN401 - trees of arrays
-    """Return work(*arguments); on a CPU it is compiled into one function; traced.
+def in_one_function(work: Callable[..., Tree], *arguments: Any, in_place: Any = ()) -> Tree:  # noqa: ANN401 - trees
+    """Return work(*arguments, *in_place); on a CPU it is compiled into one function; traced.
 
     Otherwise a CPU runs a kernel for each fused operation, one after the other, and a physics step has some hundred.
 
@@ -24,18 +24,21 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any) -> Tree:  # noqa
         work: returns a tree of arrays. It has no sort, call of the host or exchange between devices, and no scatter but
             of one row: XLA refuses to compile them into a function. It is neither batched nor differentiated.
         arguments: trees of arrays.
+        in_place: trees of arrays that `work` reads in any case, and may return with changes; no copy is made of them.
     """
     if jax.default_backend() != "cpu":
-        return work(*arguments)
+        return work(*arguments, *in_place)
     leaves: list[jax.Array]
-    leaves, structure = jax.tree.flatten(arguments)
+    leaves, structure = jax.tree.flatten((*arguments, *in_place))
     filled = [leaf for leaf in leaves if leaf.size]  # an array without numbers cannot be used, see below
+    kept = sum(leaf.size > 0 for leaf in jax.tree.leaves(arguments))
 
     def call(*filled: jax.Array) -> tuple[jax.Array, Tree]:
         given = iter(filled)
         every = [next(given) if leaf.size else jnp.zeros(leaf.shape, leaf.dtype) for leaf in leaves]
-        # jaxlib 0.10.2 ends the process if the function leaves an argument unused. So a number of each is used.
-        used = sum((leaf[(0,) * leaf.ndim].astype(jnp.int32) for leaf in filled), jnp.int32(0))
+        # jaxlib 0.10.2 ends the process if the function leaves an argument unused. So a number of each is used. Of an
+        # array that is changed in place it would be read too late, so that XLA copies the array.
+        used = sum((leaf[(0,) * leaf.ndim].astype(jnp.int32) for leaf in filled[:kept]), jnp.int32(0))
         return used, work(*jax.tree.unflatten(structure, every))
 
     used, result = jax.jit(call)(*filled)

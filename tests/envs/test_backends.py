@@ -114,8 +114,8 @@ def test_worlds_play_in_groups_where_no_kernel_can_be_made(two: str, monkeypatch
     monkeypatch.setattr(one_kernel, "kernels_run", lambda: True)
     monkeypatch.setattr(one_kernel, "kernel", refuse)
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    groups, play_batch = [], batch._play_batch
-    monkeypatch.setattr(batch, "_play_batch", lambda *given: groups.append(given) or play_batch(*given))
+    groups, play_groups = [], batch._play_groups
+    monkeypatch.setattr(batch, "_play_groups", lambda *given: groups.append(given) or play_groups(*given))
     batch._differentiable.cache_clear()
     env, params = iphyre_jax.make(f"on-the-fly/{two}", backend="xla", observation="motion", autoreset=False)
     keys, actions = jax.random.split(jax.random.key(0), 3), jnp.zeros(3, jnp.int32)

@@ -11,6 +11,7 @@ import pytest
 
 from iphyre_jax import load_scene
 from iphyre_jax.execution.compilation.description import describe, from_description
+from iphyre_jax.execution.layout import read_columns, write_columns
 from iphyre_jax.execution.programs import Score, world_layout
 from iphyre_jax.scenes.compile import compile_scene
 from tests.trees import assert_equal_trees
@@ -53,3 +54,16 @@ def test_a_program_is_described_as_data() -> None:
 def test_nothing_else_is_made_of_a_description(kind: Any) -> None:
     with pytest.raises(ValueError, match="class: expected a dataclass of iphyre_jax"):
         from_description({"class": kind})
+
+
+@pytest.mark.parametrize(("columns", "width"), [(5, 3), (120, 110)])
+def test_columns_of_rows_go_in_and_out(columns: int, width: int) -> None:
+    """Also rows of more than a block; spare lanes read the last row again, and write nothing."""
+    rows, count = np.array([4, 0, 6, 6], np.int32), 3
+    table = np.random.default_rng(0).random((7, columns), np.float32)
+    read = jax.jit(read_columns, static_argnums=2)(table, rows, width)
+    np.testing.assert_array_equal(read, table[rows, :width].T)
+    new = np.arange(width * len(rows), dtype=np.float32).reshape(width, len(rows))
+    expected = table.copy()
+    expected[rows[:count], :width] = new[:, :count].T
+    np.testing.assert_array_equal(jax.jit(write_columns)(new, table, rows, np.int32(count)), expected)

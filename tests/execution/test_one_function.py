@@ -70,6 +70,37 @@ def test_results_that_nobody_reads_do_not_matter() -> None:
         np.testing.assert_array_equal(whole(jnp.arange(3.0)), [2, 3, 4])
 
 
+def test_arrays_in_place_are_not_copied() -> None:
+    """In a loop whose turns are functions that write a few rows of a table."""
+    size = 1000
+
+    def whole(table: jax.Array, in_place: bool) -> jax.Array:
+        def rows(scale: jax.Array, k: jax.Array, table: jax.Array) -> jax.Array:
+            def row(i: jax.Array, table: jax.Array) -> jax.Array:
+                own = jax.lax.dynamic_slice_in_dim(table, 10 * k + i, 1)
+                return jax.lax.dynamic_update_slice_in_dim(table, own * scale, 10 * k + i, 0)
+
+            return jax.lax.fori_loop(0, 10, row, table)
+
+        def turn(k: jax.Array, table: jax.Array) -> jax.Array:
+            arguments = jnp.float32(3), k
+            if in_place:
+                return in_one_function(rows, *arguments, in_place=(table,))
+            return in_one_function(rows, *arguments, table)
+
+        return jax.lax.fori_loop(0, 5, turn, table)
+
+    table = np.arange(2.0 * size, dtype=np.float32).reshape(size, 2)
+    expected = np.where(np.arange(size)[:, None] < 50, 3 * table, table)
+    copies = []
+    for in_place in (False, True):
+        program = jax.jit(whole, static_argnums=1, donate_argnums=0).lower(jnp.asarray(table), in_place).compile()
+        np.testing.assert_array_equal(program(jnp.asarray(table)), expected)
+        copies.append(program.as_text().count(f"f32[{size},2]{{1,0}} copy("))
+    assert copies[0] > 0
+    assert copies[1] == 0
+
+
 def test_a_branch_gives_what_its_work_gives() -> None:
     def whole(number: jax.Array) -> tuple[jax.Array, jax.Array]:
         roots = in_branch(number[0] > -1, lambda: {"root": jnp.sqrt(number), "square": number**2})

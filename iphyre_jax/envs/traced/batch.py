@@ -1,8 +1,8 @@
 """One decision of a batch of worlds of several topologies, inside the user's program.
 
 A topology decides what is compiled. So a batch is sorted by topology and played in groups of lanes, each by the code of
-its topology (`traced.step`): one after the other, or on an NVIDIA GPU all side by side. A batch has rules of its own
-for `jax.vmap`, for derivatives and for several devices.
+its topology (`traced.step`): on a CPU by `cpu_batch`, on an NVIDIA GPU all side by side, elsewhere one after the other.
+A batch has rules of its own for `jax.vmap`, for derivatives and for several devices.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
+from iphyre_jax.envs.traced.cpu_batch import plain, play_on_cpu
 from iphyre_jax.envs.traced.sorting import run_slices, run_sorted, sort_into_blocks
-from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
+from iphyre_jax.envs.traced.step import Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import MOST_OF_DEVICE, on_cpu, traced_lanes
 from iphyre_jax.execution.gpu import one_kernel
 from iphyre_jax.execution.gpu.one_kernel import BLOCK, NoKernelError
 from iphyre_jax.execution.layout import write_transposed
-from iphyre_jax.execution.one_function import in_branch, in_one_function
+from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.execution.rowwise import rowwise
-from iphyre_jax.physics.lanes import any_lane, any_set, read, take_first, write
 from iphyre_jax.physics.types import Timing, Topology
 
 Decide = Callable[[Timing, Games, StepInput], StepOutput]
@@ -49,25 +49,29 @@ def _differentiable(step: TracedStep) -> Decide:
 
     @decide.defjvp
     def derivative(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[StepOutput, StepOutput]:
-        def plain(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-            return _play_batch(step, lambda work, *arguments: work(*arguments), (timing, games), given)
+        def play(timing: Timing, games: Games, given: StepInput) -> StepOutput:
+            if on_cpu():
+                return play_on_cpu(step, plain, (timing, games), given)
+            return _play_groups(step, (timing, games), given)
 
-        both: tuple[StepOutput, StepOutput] = jax.jvp(plain, primals, tangents)
+        both: tuple[StepOutput, StepOutput] = jax.jvp(play, primals, tangents)
         return both
 
     return decide
 
 
 def _vmappable(step: TracedStep) -> Decide:
-    """Return `_play_batch` with its own rule for `jax.vmap`: axes in front join that of the batch."""
+    """Return the decision with its own rule for `jax.vmap`: axes in front join that of the batch."""
 
     @custom_vmap
     @jax.jit
     def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
+        if on_cpu():
+            return rowwise(partial(play_on_cpu, step, in_one_function), (timing, games), given)
         if one_kernel.kernels_run() and len(step.topologies) > 1:
             with suppress(NoKernelError):
                 return rowwise(partial(_play_blocks, step), (timing, games), given)
-        return rowwise(partial(_play_batch, step, in_one_function), (timing, games), given)
+        return rowwise(partial(_play_groups, step), (timing, games), given)
 
     @decide.def_vmap
     def batched(
@@ -96,20 +100,14 @@ def _vmappable(step: TracedStep) -> Decide:
     return decide
 
 
-def _play_batch(
-    step: TracedStep, call: Callable[..., StepOutput], shared: tuple[Timing, Games], given: StepInput
-) -> StepOutput:
-    """Do what `decide` says; call(work, *arguments) returns what work(*arguments) does."""
+def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
+    """Do what `decide` says, on an accelerator: group by group."""
     (timing, games), size = shared, given.next_game.shape[0]
     if not size:
         return step.blank(0)
     lanes, is_single = traced_lanes(size, len(step.topologies)), games.topology_id.shape[0] == 1
-    # To gather and turn over what few lanes need costs a CPU more than to copy it row by row.
-    by_rows = on_cpu() and not is_single
 
-    def play(
-        topology: Topology, timing: Timing, games: Games, given: StepInput, out: StepOutput, first: jax.Array
-    ) -> StepOutput:
+    def play(topology: Topology, given: StepInput, out: StepOutput, first: jax.Array) -> StepOutput:
         """Play worlds of one topology, one a row, and write what they leave into `out`, from row `first` on."""
 
         def rows_of(table: jax.Array, game: jax.Array) -> jax.Array:
@@ -118,22 +116,14 @@ def _play_batch(
             return table.at[game].get(mode="clip").T
 
         scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
-        next_row = given.first_game + given.next_game
-        start = None if by_rows else jax.tree.map(partial(rows_of, game=next_row), games.start)
-        tables, follows = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
-        out = jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
-        return out._replace(now=_begin(out.now, games.start, given, follows, first)) if by_rows else out
+        start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game), games.start)
+        tables, _ = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
+        return jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
 
     branches = [partial(play, topology) for topology in step.topologies]
-    if len(branches) > 1:
-        own = [partial(call, branch, timing, games) for branch in branches]
-        return run_sorted(own, lanes, games.topology_id[given.row], given, step.blank(size))
-
-    def run(timing: Timing, games: Games, given: StepInput) -> StepOutput:
-        return run_slices(partial(branches[0], timing, games), lanes, given, step.blank(size))
-
-    # In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of loops and branches.
-    return in_branch(timing.dt > 0, lambda: call(run, timing, games, given))
+    if len(branches) == 1:
+        return run_slices(branches[0], lanes, given, step.blank(size))
+    return run_sorted(branches, lanes, games.topology_id[given.row], given, step.blank(size))
 
 
 def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
@@ -155,23 +145,3 @@ def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
         return jax.tree.map(lambda leaf, own: jax.lax.dynamic_update_slice_in_dim(leaf, own, first, 0), out, rows)
 
     return run_slices(play, min(size, MOST_OF_DEVICE), given, step.blank(size))
-
-
-def _begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, first: jax.Array) -> Episode:
-    """Return episodes, one a row, some of them begun.
-
-    Args:
-        now: episodes; those of the lanes begin at row `first`.
-        starts: of all games, before their first step.
-        given: of the lanes.
-        follows: (lanes,) bool, where the next game begins.
-        first: () int32.
-    """
-
-    def copy(carry: tuple[tuple[jax.Array, ...], Episode]) -> tuple[tuple[jax.Array, ...], Episode]:
-        lane, left = take_first(carry[0])
-        game = given.next_game[lane]
-        start = read(starts, given.first_game[lane] + game)
-        return left, write(carry[1], first + lane, start.of_game(game))
-
-    return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]

@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 # branch(given, out, first) plays `given`, one world a row, and returns `out` with the results from row `first` on.
 Branch = Callable[[Any, Any, jax.Array], Any]
+_LARGEST = np.iinfo(np.int32).max
 
 
 def run_slices(branch: Branch, lanes: int, given: Any, out: Any) -> Any:  # noqa: ANN401 - trees of arrays
@@ -53,6 +55,28 @@ def run_sorted(
     return jax.lax.fori_loop(0, groups.count, run_group, out)
 
 
+def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tuple[jax.Array, jax.Array]:
+    """Return worlds in the order of their topologies, and within one of their games, (B,) int32.
+
+    If a number cannot hold the order of games too, worlds of one topology are in any order.
+
+    Args:
+        topology_id: (games,) int32, of each game.
+        row: (B,) int32, game of each world.
+        topologies: so many.
+
+    Returns:
+        The order, and for each topology the place after its last world, (topologies,) int32.
+    """
+    games, worlds = topology_id.shape[0], row.shape[0]
+    if games == 1:
+        return jnp.arange(worlds, dtype=jnp.int32), jnp.full(1, worlds, jnp.int32)
+    own = topology_id[row]
+    keys = own * games + row if topologies * games * worlds <= _LARGEST else own
+    size = jnp.stack([jnp.sum(own == k, dtype=jnp.int32) for k in range(topologies)])
+    return _order(keys), jnp.cumsum(size, dtype=jnp.int32)
+
+
 class Sorted(NamedTuple):
     """A batch of worlds in blocks of one topology each."""
 
@@ -89,11 +113,7 @@ class _Groups:
     @classmethod
     def of(cls, topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
         """Return the groups of worlds with given topologies, (B,)."""
-        worlds = topology_id.shape[0]
-        # A CPU sorts numbers ten times as fast as pairs. The world is the lower part of a number; 2**31 / topologies
-        # worlds are more than any memory holds.
-        keys = topology_id * worlds + jnp.arange(worlds, dtype=jnp.int32)
-        order = jnp.sort(keys, stable=False) % worlds
+        order = _order(topology_id)
         size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
         total = jnp.cumsum(size, dtype=jnp.int32)
         return cls(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
@@ -114,3 +134,12 @@ class _Groups:
         offset = (k - self.last[topology_id] + own_groups) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
         read = self.order.at[start + jnp.minimum(offset, size - 1)].get(mode="promise_in_bounds")
         return topology_id, read, jnp.where(offset < size, read, self.order.shape[0] + offset)
+
+
+def _order(keys: jax.Array) -> jax.Array:
+    """Return indices that sort small whole numbers, (B,) int32.
+
+    A CPU sorts numbers ten times as fast as pairs, so the index is the lower part of a number.
+    """
+    size = keys.shape[0]
+    return jnp.sort(keys * size + jnp.arange(size, dtype=jnp.int32), stable=False) % size

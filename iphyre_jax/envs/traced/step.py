@@ -113,7 +113,8 @@ class TracedStep:
         executed = jnp.zeros((self.limits.blocks, *lanes), bool)
         status = status_of(jnp.zeros(lanes, jnp.int32), world, episode, executed)
         inputs = self._obs_inputs(features, status, episode)
-        return Episode(self._packed(topology, status, episode), observe(features, inputs, no_op=self.no_op))
+        state = self._padded(self._packed(topology, status, episode))
+        return Episode(state, observe(features, inputs, no_op=self.no_op))
 
     def play(
         self, topology: Topology, timing: Timing, scene: Parts, start: Episode | None, given: StepInput
@@ -124,11 +125,11 @@ class TracedStep:
             topology: of the worlds.
             timing: of the physics step.
             scene: of each lane.
-            start: the next episodes before their first step; None if `traced.batch` begins them.
+            start: the next episodes before their first step; None if the caller begins them.
             given: what is played.
 
         Returns:
-            What it leaves, and (lanes,) bool, where the next episode follows.
+            What it leaves, and (lanes,) bool, where the next episode follows. Without `start` no state is padded.
         """
         features, world = self._scene(topology, scene)
 
@@ -156,7 +157,8 @@ class TracedStep:
             state, inputs, follows = self._played(topology, timing, (*self._scene(topology, lanes[0]), lanes[1]))
             rows = inputs.rows
             blank = [jnp.zeros_like(rows.placed[0])] * (most - topology.moving)  # of bodies that are no object
-            return PlayedLanes(state, inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank])), follows)
+            placed = inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank]))
+            return PlayedLanes(self._padded(state), placed, follows)
 
         works = [partial(played, topology) for topology in self.topologies]
         features, _ = self.scene_layout(self.topologies[0]).join(scene)
@@ -169,8 +171,9 @@ class TracedStep:
 
     def _output(self, features: Features, start: Episode | None, given: StepInput, played: PlayedLanes) -> StepOutput:
         """Return what a decision leaves; start: see `play`."""
-        final = Episode(played.state, observe(features, played.inputs, no_op=self.no_op))
-        out = StepOutput(final, played.state.whole[: self.status_words], (final,) if self.keep_final else ())
+        state = played.state if start is None else self._padded(played.state)
+        final = Episode(state, observe(features, played.inputs, no_op=self.no_op))
+        out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
         if start is None:
             return out
         fresh = start.of_game(given.next_game)
@@ -203,8 +206,12 @@ class TracedStep:
         """Return episodes as they are kept; lanes behind."""
         whole, numbers = episode_layout(topology, self.dtype).parts(episode)
         rows = [row.astype(whole.dtype)[None] for row in status_rows(status)]
-        parts = zip((jnp.concatenate([*rows, whole]), numbers), self.rows, strict=True)
-        return Parts(*(jnp.pad(part, ((0, size - len(part)), (0, 0))) for part, size in parts))
+        return Parts(jnp.concatenate([*rows, whole]), numbers)
+
+    def _padded(self, state: Parts) -> Parts:
+        """Return packed episodes with as many rows as the largest; lanes behind."""
+        sizes = zip(state, self.rows, strict=True)
+        return Parts(*(jnp.pad(part, ((0, size - len(part)), (0, 0))) for part, size in sizes))
 
     def _obs_inputs(self, features: Features, status: Status, episode: EpisodeState) -> ObsInputs:
         pose, bodies = pose_of(features, status.present, episode), episode.state.motion

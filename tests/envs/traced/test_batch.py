@@ -1,19 +1,27 @@
-"""Next episodes of a group of lanes: their rows, and nothing else, are replaced; derivatives too."""
+"""One decision of a batch: next episodes, of which rows and nothing else are replaced; the same on any device."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from iphyre_jax.envs.batching.status import GAME
-from iphyre_jax.envs.traced import batch
+import iphyre_jax
+from iphyre_jax.envs.batching.status import GAME, SUCCESS
+from iphyre_jax.envs.traced import batch, cpu_batch
 from iphyre_jax.envs.traced.step import Episode, StepInput
+from iphyre_jax.envs.traced.worlds import TracedParams, TracedState, TracedWorlds
 from iphyre_jax.execution.layout import Parts
+from iphyre_jax.execution.one_function import in_one_function
+from iphyre_jax.scenes.compile import step_timing
+from tests.trees import assert_equal_trees
 
-ROWS, GAMES, LANES, FIRST = 9, 6, 4, 3
+ROWS, GAMES = 9, 6
+WORLDS = np.array([3, 7, 1, 8], np.int32)
 FOLLOWS = np.array([True, False, False, True])
 NEXT, FIRST_GAME = np.array([2, -1, 1, 0], np.int32), np.array([0, 0, 0, 3], np.int32)
 
@@ -26,18 +34,18 @@ def episodes(size: int, seed: int) -> Episode:
 
 
 def begun(now: Episode, starts: Episode, follows: Any = FOLLOWS) -> Episode:
-    request = jnp.zeros((LANES, 3), jnp.int32)
-    given = StepInput(Parts(now.state.whole[:LANES], now.state.numbers[:LANES]), request, NEXT, FIRST_GAME)
+    request = jnp.zeros((len(WORLDS), 3), jnp.int32)
+    given = StepInput(Parts(now.state.whole[WORLDS], now.state.numbers[WORLDS]), request, NEXT, FIRST_GAME)
     given = jax.tree.map(jnp.asarray, given)
-    return batch._begin(now, starts, given, jnp.asarray(follows), jnp.int32(FIRST))
+    return cpu_batch.begin(now, starts, given, jnp.asarray(follows), jnp.asarray(WORLDS))
 
 
 def expected(now: Any, starts: Any, game: bool) -> Any:
     out = np.array(now)
     for lane in np.flatnonzero(FOLLOWS):
-        out[FIRST + lane] = np.array(starts)[FIRST_GAME[lane] + NEXT[lane]]
+        out[WORLDS[lane]] = np.array(starts)[FIRST_GAME[lane] + NEXT[lane]]
         if game:
-            out[FIRST + lane, GAME] = NEXT[lane]
+            out[WORLDS[lane], GAME] = NEXT[lane]
     return out
 
 
@@ -63,4 +71,29 @@ def test_tangents_of_the_rows_are_copied() -> None:
 
 def test_without_an_end_all_stays() -> None:
     now = episodes(ROWS, 0)
-    jax.tree.map(np.testing.assert_array_equal, begun(now, episodes(GAMES, 1), np.zeros(LANES, bool)), now)
+    jax.tree.map(np.testing.assert_array_equal, begun(now, episodes(GAMES, 1), np.zeros(len(WORLDS), bool)), now)
+
+
+@pytest.mark.slow
+def test_accelerators_play_the_same_in_groups() -> None:
+    """Episodes of two topologies, a part of which end and begin anew, to the last bit."""
+    iphyre_jax.register("groups-v1", ["hole", "multi_ball_hole", "support"])
+    with jax.enable_x64(True):
+        env, params = iphyre_jax.make("on-the-fly/groups-v1", backend="xla", dtype="float64", final_observation=True)
+        assert isinstance(env.worlds, TracedWorlds)
+        assert isinstance(params, TracedParams)
+        assert len(env.topologies) == 2
+        step, rng = env.worlds.traced, np.random.default_rng(0)
+        game = jnp.asarray(rng.integers(0, 3, 11), jnp.int32)
+        state = jax.vmap(env.reset_to, in_axes=(0, None))(game, params)[1]
+        assert isinstance(state, TracedState)
+        plan, stop = rng.integers(0, 9, (11, step.limits.blocks)), np.full((11, 1), 60)
+        request = np.concatenate([plan, stop, np.zeros_like(plan)], axis=1)
+        following = rng.integers(-1, 3, 11), np.zeros(11)
+        given = StepInput(state.parts, *(jnp.asarray(part, jnp.int32) for part in (request, *following)))
+        shared = jax.tree.map(jnp.asarray, step_timing(env.protocol.fps, "float64")), params.table
+        on_cpu = jax.jit(partial(cpu_batch.play_on_cpu, step, in_one_function))(shared, given)
+        elsewhere = jax.jit(partial(batch._play_groups, step))(shared, given)
+        on_cpu, elsewhere = jax.tree.map(np.asarray, (on_cpu, elsewhere))
+    assert 0 < (on_cpu.status[:, SUCCESS] != 0).sum() < 11
+    assert_equal_trees(on_cpu, elsewhere)

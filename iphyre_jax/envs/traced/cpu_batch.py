@@ -1,0 +1,192 @@
+"""One decision of a batch of worlds of several topologies on a CPU, inside the user's program.
+
+Worlds are sorted by topology and game, and played in groups of lanes of one topology. Each group is one function of
+machine code. It reads the rows of its worlds, plays, and writes them where they were: nothing else is moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.envs.batching.status import GAME
+from iphyre_jax.envs.traced.sorting import sort_by_game
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
+from iphyre_jax.execution.devices import cpu_lanes
+from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
+from iphyre_jax.execution.one_function import in_branch
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.physics.lanes import any_lane, any_set, read, take_first, write
+from iphyre_jax.physics.types import Timing, Topology
+
+# Returns work(*arguments, *in_place), see `in_one_function`.
+Call = Callable[..., StepOutput]
+
+
+class Given(NamedTuple):
+    """What a batch plays, one world a row; its states apart, which change in place."""
+
+    timing: Timing
+    games: Games
+    order: jax.Array  # (B,) int32, the worlds sorted by topology and game
+    request: jax.Array  # (B, words) int32, see `StepInput`
+    next_game: jax.Array  # (B,) int32
+    first_game: jax.Array  # (B,) int32
+
+
+@dataclass(frozen=True)
+class Group:
+    """The worlds of one topology that are played side by side."""
+
+    world: jax.Array  # (lanes,) int32, the world that each lane plays; spare lanes play the last one again
+    count: jax.Array  # () int32, lanes that are not spare, the first ones
+    neighbours: bool  # whether the worlds follow each other in the batch, and no lane is spare
+
+    def read(self, table: jax.Array, width: int) -> jax.Array:
+        """Return the first columns of the worlds' rows, (width, lanes); table: (B, columns)."""
+        if not self.neighbours:
+            return read_columns(table, self.world, width)
+        return jax.lax.dynamic_slice(table, (self.world[0], jnp.int32(0)), (self.world.shape[0], width)).T
+
+    def write(self, lanes: jax.Array, table: jax.Array) -> jax.Array:
+        """Return a table, (B, columns), with what is in lanes, (width, lanes), in the first columns of the worlds."""
+        if not self.neighbours:
+            return write_columns(lanes, table, self.world, self.count)
+        return write_transposed(lanes, table, self.world[0])
+
+
+def plain(work: Call, *arguments: Any, in_place: tuple[StepOutput, ...] = ()) -> StepOutput:  # noqa: ANN401 - trees
+    """Return work(*arguments, *in_place), for programs that need derivatives."""
+    return work(*arguments, *in_place)
+
+
+def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
+    """Do what `batch.decide` says.
+
+    Args:
+        step: what is played.
+        call: `in_one_function`, or `plain`.
+        shared: timing and games.
+        given: one world a row.
+    """
+    (timing, games), size = shared, given.next_game.shape[0]
+    out = step.blank(size)
+    if not size:
+        return out
+    out = out._replace(now=out.now._replace(state=given.state))
+    order, last = sort_by_game(games.topology_id, _row_of(games, given.row), len(step.topologies))
+    batch = Given(timing, games, order, given.request, given.next_game, given.first_game)
+    for k, topology in enumerate(step.topologies):
+        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology, step.dtype))
+        play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
+        if lanes == size and games.topology_id.shape[0] == 1:
+            # One group overwrites all rows, and a function must not have an argument that it does not read: so none
+            # is in place. In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of
+            # loops and branches.
+            return in_branch(timing.dt > 0, partial(play, first, out))
+
+        def play_next(
+            number: jax.Array, out: StepOutput, play: Call = play, first: jax.Array = first, lanes: int = lanes
+        ) -> StepOutput:
+            return play(first + number * lanes, in_place=(out,))
+
+        out = jax.lax.fori_loop(0, (last[k] - first + lanes - 1) // lanes, play_next, out)
+    return out
+
+
+def _play_group(
+    step: TracedStep,
+    topology: Topology,
+    lanes: int,
+    batch: Given,
+    last: jax.Array,
+    first: jax.Array,
+    out: StepOutput,
+) -> StepOutput:
+    """Play the next worlds of a topology.
+
+    Args:
+        step: what is played.
+        topology: of the worlds.
+        lanes: worlds side by side.
+        batch: what is played.
+        last: () int32, the place in the order after the last world of the topology.
+        first: () int32, the place of the first world to play.
+        out: the states of all worlds before the decision; receives what the group leaves.
+    """
+    games, size = batch.games, len(batch.order)
+    at = jnp.minimum(first + jnp.arange(lanes, dtype=jnp.int32), last - 1)
+    world = batch.order.at[at].get(mode="promise_in_bounds")
+    neighbours = games.topology_id.shape[0] == 1 and not size % lanes
+    group = Group(world, jnp.minimum(lanes, last - first), neighbours)
+    given = _read(step, topology, batch, group, out.now.state)
+    row = _row_of(games, given.first_game + given.state.whole[GAME].astype(jnp.int32))
+    tables, follows = step.play(topology, batch.timing, _scenes(step, topology, games, row), None, given)
+    out = jax.tree.map(group.write, tables, out)
+    follows = follows & (jnp.arange(lanes) < group.count)
+    return out._replace(now=begin(out.now, games.start, given, follows, world))
+
+
+def _row_of(games: Games, row: jax.Array) -> jax.Array:
+    """Return rows of the table of games; an episode of other parameters may name one that is not there."""
+    return jnp.clip(row, 0, games.topology_id.shape[0] - 1)
+
+
+def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, states: Parts) -> StepInput:
+    """Return what the worlds of a group play, lanes behind; states have no more rows than the topology needs."""
+    layout = episode_layout(topology, step.dtype)
+    whole = group.read(states.whole, step.status_words + layout.whole_rows)
+    state = Parts(whole, group.read(states.numbers, layout.rows - layout.whole_rows))
+    request = group.read(batch.request, batch.request.shape[1])
+    own = (rows.at[group.world].get(mode="promise_in_bounds") for rows in (batch.next_game, batch.first_game))
+    return StepInput(state, request, *own)
+
+
+def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) -> Parts:
+    """Return the scenes of lanes, (rows, lanes); row: (lanes,) of the table of games.
+
+    Each game is looked up once, and put into all of its lanes.
+    """
+    layout = step.scene_layout(topology)
+    tables = games.scenes.whole[:, : layout.whole_rows], games.scenes.numbers[:, : layout.rows - layout.whole_rows]
+
+    def of_game(game: jax.Array) -> tuple[jax.Array, ...]:
+        return tuple(jnp.broadcast_to(part[:, None], (len(part), len(row))) for part in read(tables, game))
+
+    if games.topology_id.shape[0] == 1:
+        return Parts(*of_game(jnp.int32(0)))
+
+    def fill(carry: tuple[jax.Array, tuple[jax.Array, ...]]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        left, scenes = carry
+        game = jnp.max(jnp.where(left, row, 0))
+        here = row == game
+        return left & ~here, jax.tree.map(lambda new, old: jnp.where(here[None], new, old), of_game(game), scenes)
+
+    game = row[0]
+    _, scenes = jax.lax.while_loop(lambda carry: jnp.any(carry[0]), fill, (row != game, of_game(game)))
+    return Parts(*scenes)
+
+
+def begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, world: jax.Array) -> Episode:
+    """Return episodes, one a row, some of them begun: their rows, and nothing else, are replaced.
+
+    Args:
+        now: episodes.
+        starts: of all games, before their first step.
+        given: of the lanes.
+        follows: (lanes,) bool, where the next game begins.
+        world: (lanes,) int32, row of each lane's episode.
+    """
+
+    def copy(carry: tuple[tuple[jax.Array, ...], Episode]) -> tuple[tuple[jax.Array, ...], Episode]:
+        lane, left = take_first(carry[0])
+        game = given.next_game[lane]
+        start = read(starts, given.first_game[lane] + game)
+        return left, write(carry[1], world[lane], start.of_game(game))
+
+    return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]
