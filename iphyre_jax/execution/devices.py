@@ -72,7 +72,11 @@ def lanes_of(topology: Topology, dtype: str) -> int:
 
 
 def cpu_lanes(topology: Topology, dtype: str) -> int:
-    """Return how many worlds of a topology a CPU plays side by side in the user's program."""
+    """Return how many worlds of a topology a CPU plays side by side in the user's program.
+
+    With few lanes XLA's default options give scalar code, so LANES hold for two bodies too. Measured; see "by its own
+    width" in docs/decisions/environments.md.
+    """
     return LANES if topology.moving <= 2 else lanes_of(topology, dtype)
 
 

@@ -15,7 +15,7 @@ Tree = TypeVar("Tree")
 ATTRIBUTES: Final[Mapping[str, str]] = {"xla_cpu_small_call": "true", "inlineable": "false"}
 
 
-def in_one_function(work: Callable[..., Tree], *arguments: Any, in_place: Any = ()) -> Tree:  # noqa: ANN401 - trees
+def in_one_function(work: Callable[..., Tree], *arguments: Any, in_place: tuple[Any, ...] = ()) -> Tree:  # noqa: ANN401
     """Return work(*arguments, *in_place); on a CPU it is compiled into one function; traced.
 
     Otherwise a CPU runs a kernel for each fused operation, one after the other, and a physics step has some hundred.
@@ -24,7 +24,8 @@ def in_one_function(work: Callable[..., Tree], *arguments: Any, in_place: Any = 
         work: returns a tree of arrays. It has no sort, call of the host or exchange between devices, and no scatter but
             of one row: XLA refuses to compile them into a function. It is neither batched nor differentiated.
         arguments: trees of arrays.
-        in_place: trees of arrays that `work` reads in any case, and may return with changes; no copy is made of them.
+        in_place: trees of arrays that `work` takes too, and changes without a copy. It must read each of them, and
+            neither overwrite it whole nor return it as it is, whatever the compiler finds out.
     """
     if jax.default_backend() != "cpu":
         return work(*arguments, *in_place)

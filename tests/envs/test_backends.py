@@ -107,6 +107,19 @@ def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeyp
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", GAMES)
+def test_parameters_may_have_one_game_of_several_topologies(two: str, name: str) -> None:
+    told = []
+    options: dict[str, Any] = {"dtype": "float64", "observation": "motion", "final_observation": True}
+    with jax.enable_x64(True):
+        for backend in BACKENDS:
+            env, _ = iphyre_jax.make(f"on-the-fly/{two}", backend=backend, **options)
+            params = env.params([iphyre_jax.load_scene(name)])
+            told.append([played(env, params, actions_of(env, (20, worlds))) for worlds in (1, 5, 160)])
+    assert_equal_trees(*told)
+
+
+@pytest.mark.slow
 def test_worlds_play_in_groups_where_no_kernel_can_be_made(two: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise NotImplementedError("of a test")

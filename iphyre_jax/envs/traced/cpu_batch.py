@@ -1,7 +1,7 @@
 """One decision of a batch of worlds of several topologies on a CPU, inside the user's program.
 
 Worlds are sorted by topology and game, and played in groups of lanes of one topology. Each group is one function of
-machine code. It reads the rows of its worlds, plays, and writes them where they were: nothing else is moved.
+machine code. It reads the rows of its worlds, plays, and writes them where they were; other rows are not touched.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.traced.sorting import sort_by_game
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
-from iphyre_jax.execution.devices import cpu_lanes
+from iphyre_jax.execution.devices import LANES, cpu_lanes
 from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
 from iphyre_jax.execution.one_function import in_branch
 from iphyre_jax.execution.programs import episode_layout
@@ -66,7 +66,7 @@ def plain(work: Call, *arguments: Any, in_place: tuple[StepOutput, ...] = ()) ->
 
 
 def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
-    """Do what `batch.decide` says.
+    """Do what `batch.decide` says. What a state has behind the columns of its topology stays.
 
     Args:
         step: what is played.
@@ -75,20 +75,25 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
         given: one world a row.
     """
     (timing, games), size = shared, given.next_game.shape[0]
-    out = step.blank(size)
     if not size:
-        return out
-    out = out._replace(now=out.now._replace(state=given.state))
+        return step.blank(0)
+    # A function must read each of its arguments (`in_one_function`). So no group may overwrite a whole table.
+    spare_rows = 1 if size <= LANES else 0
+    out = step.blank(size + spare_rows)
+    state = Parts(*(jnp.pad(part, ((0, spare_rows), (0, 0))) for part in given.state))
+    out = out._replace(now=out.now._replace(state=state))
     order, last = sort_by_game(games.topology_id, _row_of(games, given.row), len(step.topologies))
+    # What the compiler knows of the batch it must not use: it would take loops and tables apart, see above.
+    last = jnp.where(timing.dt > 0, last, 0)
     batch = Given(timing, games, order, given.request, given.next_game, given.first_game)
     for k, topology in enumerate(step.topologies):
         first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology, step.dtype))
         play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
-        if lanes == size and games.topology_id.shape[0] == 1:
-            # One group overwrites all rows, and a function must not have an argument that it does not read: so none
-            # is in place. In a branch: if a device plays a part of the worlds, XLA inlines calls that stand outside of
-            # loops and branches.
-            return in_branch(timing.dt > 0, partial(play, first, out))
+        if lanes == size and _one_game(step, games):
+            # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
+            # outside of loops and branches.
+            out = in_branch(timing.dt > 0, partial(play, first, out))
+            break
 
         def play_next(
             number: jax.Array, out: StepOutput, play: Call = play, first: jax.Array = first, lanes: int = lanes
@@ -96,7 +101,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
             return play(first + number * lanes, in_place=(out,))
 
         out = jax.lax.fori_loop(0, (last[k] - first + lanes - 1) // lanes, play_next, out)
-    return out
+    return jax.tree.map(lambda leaf: leaf[:size], out) if spare_rows else out
 
 
 def _play_group(
@@ -122,7 +127,7 @@ def _play_group(
     games, size = batch.games, len(batch.order)
     at = jnp.minimum(first + jnp.arange(lanes, dtype=jnp.int32), last - 1)
     world = batch.order.at[at].get(mode="promise_in_bounds")
-    neighbours = games.topology_id.shape[0] == 1 and not size % lanes
+    neighbours = _one_game(step, games) and not size % lanes
     group = Group(world, jnp.minimum(lanes, last - first), neighbours)
     given = _read(step, topology, batch, group, out.now.state)
     row = _row_of(games, given.first_game + given.state.whole[GAME].astype(jnp.int32))
@@ -130,6 +135,11 @@ def _play_group(
     out = jax.tree.map(group.write, tables, out)
     follows = follows & (jnp.arange(lanes) < group.count)
     return out._replace(now=begin(out.now, games.start, given, follows, world))
+
+
+def _one_game(step: TracedStep, games: Games) -> bool:
+    """Return whether the worlds certainly play one game, of the one topology."""
+    return games.topology_id.shape[0] == len(step.topologies) == 1
 
 
 def _row_of(games: Games, row: jax.Array) -> jax.Array:
@@ -150,15 +160,19 @@ def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, stat
 def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) -> Parts:
     """Return the scenes of lanes, (rows, lanes); row: (lanes,) of the table of games.
 
-    Each game is looked up once, and put into all of its lanes.
+    Of few games each is looked up once, and put into all of its lanes.
     """
-    layout = step.scene_layout(topology)
-    tables = games.scenes.whole[:, : layout.whole_rows], games.scenes.numbers[:, : layout.rows - layout.whole_rows]
+    layout, tables = step.scene_layout(topology), games.scenes
+    widths = layout.whole_rows, layout.rows - layout.whole_rows
+    count, lanes = games.topology_id.shape[0], len(row)
+    if count > lanes:  # each lane may have a game of its own
+        return Parts(*(read_columns(part, row, width) for part, width in zip(tables, widths, strict=True)))
 
     def of_game(game: jax.Array) -> tuple[jax.Array, ...]:
-        return tuple(jnp.broadcast_to(part[:, None], (len(part), len(row))) for part in read(tables, game))
+        parts = zip(read(tables, game), widths, strict=True)
+        return tuple(jnp.broadcast_to(part[:width, None], (width, lanes)) for part, width in parts)
 
-    if games.topology_id.shape[0] == 1:
+    if count == 1:
         return Parts(*of_game(jnp.int32(0)))
 
     def fill(carry: tuple[jax.Array, tuple[jax.Array, ...]]) -> tuple[jax.Array, tuple[jax.Array, ...]]:

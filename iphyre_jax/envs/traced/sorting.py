@@ -58,7 +58,7 @@ def run_sorted(
 def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tuple[jax.Array, jax.Array]:
     """Return worlds in the order of their topologies, and within one of their games, (B,) int32.
 
-    If a number cannot hold the order of games too, worlds of one topology are in any order.
+    If an int32 cannot hold topology, game and world, the worlds of one topology are in any order.
 
     Args:
         topology_id: (games,) int32, of each game.
@@ -69,7 +69,7 @@ def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tup
         The order, and for each topology the place after its last world, (topologies,) int32.
     """
     games, worlds = topology_id.shape[0], row.shape[0]
-    if games == 1:
+    if games == topologies == 1:
         return jnp.arange(worlds, dtype=jnp.int32), jnp.full(1, worlds, jnp.int32)
     own = topology_id[row]
     keys = own * games + row if topologies * games * worlds <= _LARGEST else own
@@ -137,7 +137,7 @@ class _Groups:
 
 
 def _order(keys: jax.Array) -> jax.Array:
-    """Return indices that sort small whole numbers, (B,) int32.
+    """Return indices that sort keys, (B,) int32, not negative; the largest key times B must be an int32.
 
     A CPU sorts numbers ten times as fast as pairs, so the index is the lower part of a number.
     """

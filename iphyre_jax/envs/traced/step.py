@@ -105,6 +105,13 @@ class TracedStep:
         """Return the layout of a scene: what an observation needs, in the same rows for all topologies; its world."""
         return _scene_layout(self.topologies, topology, self.limits, self.dtype)
 
+    @property
+    def scene_rows(self) -> tuple[int, int]:
+        """Rows of the two parts of the largest scene."""
+        layouts = [self.scene_layout(topology) for topology in self.topologies]
+        whole = max(layout.whole_rows for layout in layouts)
+        return whole, max(layout.rows - layout.whole_rows for layout in layouts)
+
     def start(self, topology: Topology, scene: Parts) -> Episode:
         """Return episodes of scenes before their first step, lanes behind; their game is 0."""
         lanes = scene.whole.shape[1:]
@@ -129,7 +136,8 @@ class TracedStep:
             given: what is played.
 
         Returns:
-            What it leaves, and (lanes,) bool, where the next episode follows. Without `start` no state is padded.
+            What it leaves, and (lanes,) bool, where the next episode follows. Without `start` none begins, and no state
+            is padded.
         """
         features, world = self._scene(topology, scene)
 

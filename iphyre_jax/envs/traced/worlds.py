@@ -94,10 +94,12 @@ class TracedWorlds(Worlds):
             return TracedParams(table, _table([own for _, _, own in games]), self.made_for)
 
     def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
-        """Return a packed scene, (rows,)."""
+        """Return a packed scene, (rows,), with as many rows as the largest."""
         layout = self.traced.scene_layout(topology)
         words = layout.pack_many([(feature_numbers(features, self.dtype), world)])[:, 0]
-        return Parts(jnp.asarray(words[: layout.whole_rows]), jnp.asarray(words[layout.whole_rows :].view(self.dtype)))
+        parts = words[: layout.whole_rows], words[layout.whole_rows :].view(self.dtype)
+        padded = (np.pad(part, (0, size - len(part))) for part, size in zip(parts, self.traced.scene_rows, strict=True))
+        return Parts(*map(jnp.asarray, padded))
 
     def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:
         """Return the topology and the parameters of one game; see `params.Worlds`."""

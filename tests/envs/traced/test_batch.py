@@ -75,25 +75,42 @@ def test_without_an_end_all_stays() -> None:
 
 
 @pytest.mark.slow
-def test_accelerators_play_the_same_in_groups() -> None:
-    """Episodes of two topologies, a part of which end and begin anew, to the last bit."""
-    iphyre_jax.register("groups-v1", ["hole", "multi_ball_hole", "support"])
+@pytest.mark.parametrize(
+    ("names", "worlds"), [(["hole", "multi_ball_hole", "support"], 300), (["hole"], 256), (["hole"], 130)]
+)
+def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> None:
+    """Episodes in several groups of lanes, a part of which end and begin anew, to the last bit."""
+    iphyre_jax.register("groups-v1", names, overwrite=True)
     with jax.enable_x64(True):
         env, params = iphyre_jax.make("on-the-fly/groups-v1", backend="xla", dtype="float64", final_observation=True)
         assert isinstance(env.worlds, TracedWorlds)
         assert isinstance(params, TracedParams)
-        assert len(env.topologies) == 2
+        assert len(env.topologies) == min(len(names), 2)
         step, rng = env.worlds.traced, np.random.default_rng(0)
-        game = jnp.asarray(rng.integers(0, 3, 11), jnp.int32)
+        game = jnp.asarray(rng.integers(0, len(names), worlds), jnp.int32)
         state = jax.vmap(env.reset_to, in_axes=(0, None))(game, params)[1]
         assert isinstance(state, TracedState)
-        plan, stop = rng.integers(0, 9, (11, step.limits.blocks)), np.full((11, 1), 60)
+        plan, stop = rng.integers(0, 9, (worlds, step.limits.blocks)), np.full((worlds, 1), 60)
         request = np.concatenate([plan, stop, np.zeros_like(plan)], axis=1)
-        following = rng.integers(-1, 3, 11), np.zeros(11)
+        following = rng.integers(-1, len(names), worlds), np.zeros(worlds)
         given = StepInput(state.parts, *(jnp.asarray(part, jnp.int32) for part in (request, *following)))
         shared = jax.tree.map(jnp.asarray, step_timing(env.protocol.fps, "float64")), params.table
         on_cpu = jax.jit(partial(cpu_batch.play_on_cpu, step, in_one_function))(shared, given)
         elsewhere = jax.jit(partial(batch._play_groups, step))(shared, given)
         on_cpu, elsewhere = jax.tree.map(np.asarray, (on_cpu, elsewhere))
-    assert 0 < (on_cpu.status[:, SUCCESS] != 0).sum() < 11
+    assert 0 < (on_cpu.status[:, SUCCESS] != 0).sum() < worlds
     assert_equal_trees(on_cpu, elsewhere)
+
+
+@pytest.mark.parametrize("names", [["hole"], ["hole", "support"]])
+@pytest.mark.parametrize("worlds", [1, 3, 128])
+def test_a_batch_may_be_known_to_the_compiler(names: list[str], worlds: int) -> None:
+    """XLA then takes loops apart, and jaxlib 0.10.2 ended the process."""
+    iphyre_jax.register("known-v1", names, overwrite=True)
+    env, params = iphyre_jax.make("on-the-fly/known-v1", backend="xla", protocol="smooth")
+    keys, action = jax.random.split(jax.random.key(0), worlds), jnp.ones(worlds, jnp.int32)
+    game = jnp.arange(worlds, dtype=jnp.int32) % len(names)
+    _, state = jax.vmap(env.reset_to, in_axes=(0, None))(game, params)
+    step = jax.vmap(env.step, in_axes=(0, 0, 0, None))
+    known, given = jax.jit(lambda: step(keys, state, action, params))(), jax.jit(step)(keys, state, action, params)
+    assert_equal_trees((known[0], known[2:]), (given[0], given[2:]))
