@@ -31,6 +31,11 @@ class Parts(NamedTuple):
     whole: jax.Array  # (rows, lanes), words: whole numbers and flags
     numbers: jax.Array  # (rows, lanes), floating-point numbers
 
+    def padded(self, rows: tuple[int, int]) -> Parts:
+        """Return the parts with zeros behind, so that they have so many rows."""
+        parts = zip(self, rows, strict=True)
+        return Parts(*(jnp.pad(part, [(0, most - len(part)), *[(0, 0)] * (part.ndim - 1)]) for part, most in parts))
+
 
 @dataclass(frozen=True)
 class Layout:

@@ -80,7 +80,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     # A function must read each of its arguments (`in_one_function`). So no group may overwrite a whole table.
     spare_rows = 1 if size <= LANES else 0
     out = step.blank(size + spare_rows)
-    state = Parts(*(jnp.pad(part, ((0, spare_rows), (0, 0))) for part in given.state))
+    state = given.state.padded((size + spare_rows, size + spare_rows))
     out = out._replace(now=out.now._replace(state=state))
     order, last = sort_by_game(games.topology_id, _row_of(games, given.row), len(step.topologies))
     # What the compiler knows of the batch it must not use: it would take loops and tables apart, see above.

@@ -73,8 +73,7 @@ def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tup
         return jnp.arange(worlds, dtype=jnp.int32), jnp.full(1, worlds, jnp.int32)
     own = topology_id[row]
     keys = own * games + row if topologies * games * worlds <= _LARGEST else own
-    size = jnp.stack([jnp.sum(own == k, dtype=jnp.int32) for k in range(topologies)])
-    return _order(keys), jnp.cumsum(size, dtype=jnp.int32)
+    return _order(keys), jnp.cumsum(_sizes(own, topologies), dtype=jnp.int32)
 
 
 class Sorted(NamedTuple):
@@ -113,10 +112,9 @@ class _Groups:
     @classmethod
     def of(cls, topology_id: jax.Array, topologies: int, lanes: int) -> _Groups:
         """Return the groups of worlds with given topologies, (B,)."""
-        order = _order(topology_id)
-        size = jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
+        size = _sizes(topology_id, topologies)
         total = jnp.cumsum(size, dtype=jnp.int32)
-        return cls(order, size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
+        return cls(_order(topology_id), size, total - size, jnp.cumsum(-(-size // lanes), dtype=jnp.int32), lanes)
 
     @property
     def count(self) -> jax.Array:
@@ -134,6 +132,11 @@ class _Groups:
         offset = (k - self.last[topology_id] + own_groups) * self.lanes + jnp.arange(self.lanes, dtype=jnp.int32)
         read = self.order.at[start + jnp.minimum(offset, size - 1)].get(mode="promise_in_bounds")
         return topology_id, read, jnp.where(offset < size, read, self.order.shape[0] + offset)
+
+
+def _sizes(topology_id: jax.Array, topologies: int) -> jax.Array:
+    """Return how many worlds each topology has, (topologies,) int32; topology_id: (B,) of each world."""
+    return jnp.stack([jnp.sum(topology_id == k, dtype=jnp.int32) for k in range(topologies)])
 
 
 def _order(keys: jax.Array) -> jax.Array:

@@ -6,6 +6,7 @@ own topology.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -97,9 +98,8 @@ class TracedStep:
     @property
     def rows(self) -> tuple[int, int]:
         """Rows of the two parts of the largest episode."""
-        layouts = [episode_layout(topology, self.dtype) for topology in self.topologies]
-        whole = self.status_words + max(layout.whole_rows for layout in layouts)
-        return whole, max(layout.rows - layout.whole_rows for layout in layouts)
+        whole, numbers = _most_rows([episode_layout(topology, self.dtype) for topology in self.topologies])
+        return self.status_words + whole, numbers
 
     def scene_layout(self, topology: Topology) -> Layout:
         """Return the layout of a scene: what an observation needs, in the same rows for all topologies; its world."""
@@ -108,9 +108,7 @@ class TracedStep:
     @property
     def scene_rows(self) -> tuple[int, int]:
         """Rows of the two parts of the largest scene."""
-        layouts = [self.scene_layout(topology) for topology in self.topologies]
-        whole = max(layout.whole_rows for layout in layouts)
-        return whole, max(layout.rows - layout.whole_rows for layout in layouts)
+        return _most_rows([self.scene_layout(topology) for topology in self.topologies])
 
     def start(self, topology: Topology, scene: Parts) -> Episode:
         """Return episodes of scenes before their first step, lanes behind; their game is 0."""
@@ -120,7 +118,7 @@ class TracedStep:
         executed = jnp.zeros((self.limits.blocks, *lanes), bool)
         status = status_of(jnp.zeros(lanes, jnp.int32), world, episode, executed)
         inputs = self._obs_inputs(features, status, episode)
-        state = self._padded(self._packed(topology, status, episode))
+        state = self._packed(topology, status, episode).padded(self.rows)
         return Episode(state, observe(features, inputs, no_op=self.no_op))
 
     def play(
@@ -166,7 +164,7 @@ class TracedStep:
             rows = inputs.rows
             blank = [jnp.zeros_like(rows.placed[0])] * (most - topology.moving)  # of bodies that are no object
             placed = inputs._replace(rows=rows._replace(placed=[*rows.placed, *blank]))
-            return PlayedLanes(self._padded(state), placed, follows)
+            return PlayedLanes(state.padded(self.rows), placed, follows)
 
         works = [partial(played, topology) for topology in self.topologies]
         features, _ = self.scene_layout(self.topologies[0]).join(scene)
@@ -179,7 +177,7 @@ class TracedStep:
 
     def _output(self, features: Features, start: Episode | None, given: StepInput, played: PlayedLanes) -> StepOutput:
         """Return what a decision leaves; start: see `play`."""
-        state = played.state if start is None else self._padded(played.state)
+        state = played.state if start is None else played.state.padded(self.rows)
         final = Episode(state, observe(features, played.inputs, no_op=self.no_op))
         out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
         if start is None:
@@ -216,14 +214,15 @@ class TracedStep:
         rows = [row.astype(whole.dtype)[None] for row in status_rows(status)]
         return Parts(jnp.concatenate([*rows, whole]), numbers)
 
-    def _padded(self, state: Parts) -> Parts:
-        """Return packed episodes with as many rows as the largest; lanes behind."""
-        sizes = zip(state, self.rows, strict=True)
-        return Parts(*(jnp.pad(part, ((0, size - len(part)), (0, 0))) for part, size in sizes))
-
     def _obs_inputs(self, features: Features, status: Status, episode: EpisodeState) -> ObsInputs:
         pose, bodies = pose_of(features, status.present, episode), episode.state.motion
         return obs_inputs(self.observation, features, pose, bodies, status.step, jnp.asarray(self.steps))
+
+
+def _most_rows(layouts: Sequence[Layout]) -> tuple[int, int]:
+    """Return the most rows of the two parts of tables."""
+    whole = max(layout.whole_rows for layout in layouts)
+    return whole, max(layout.rows - layout.whole_rows for layout in layouts)
 
 
 @lru_cache(1024)

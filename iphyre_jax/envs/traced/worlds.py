@@ -98,8 +98,7 @@ class TracedWorlds(Worlds):
         layout = self.traced.scene_layout(topology)
         words = layout.pack_many([(feature_numbers(features, self.dtype), world)])[:, 0]
         parts = words[: layout.whole_rows], words[layout.whole_rows :].view(self.dtype)
-        padded = (np.pad(part, (0, size - len(part))) for part, size in zip(parts, self.traced.scene_rows, strict=True))
-        return Parts(*map(jnp.asarray, padded))
+        return Parts(*map(jnp.asarray, parts)).padded(self.traced.scene_rows)
 
     def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:
         """Return the topology and the parameters of one game; see `params.Worlds`."""
@@ -170,17 +169,8 @@ def _start(step: TracedStep, topology_id: int, scene: Parts) -> Episode:
 
 
 def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays, each a row, on the device; zeros pad shorter ones."""
-
-    def stacked(*leaves: np.ndarray) -> jax.Array:
-        shape = np.max([np.shape(leaf) for leaf in leaves], axis=0)
-        padded = [
-            np.pad(leaf, [(0, most - size) for most, size in zip(shape, np.shape(leaf), strict=True)])
-            for leaf in leaves
-        ]
-        return jnp.asarray(np.stack(padded))
-
-    return jax.tree.map(stacked, *rows)
+    """Stack trees of arrays, each a row, on the device."""
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
 
 
 def _opaque(tree: Tree) -> Tree:
