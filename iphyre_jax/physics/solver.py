@@ -208,8 +208,12 @@ def solve(
 
     def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, Motions]) -> tuple[jax.Array, Motions]:
         impulses, motions = carry
-        own, contact = lanes.read(impulses, k), unpack_contact(packed, layout)
-        new, motions = lanes.materialize(lambda: _solve_point(world, contact, (own[0], own[1], own[2]), motions))
+        own, given = lanes.read(impulses, k), motions
+
+        def solved() -> tuple[Impulses, Motions]:
+            return _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), given)
+
+        new, motions = lanes.materialize(solved)
         return lanes.write(impulses, k, lanes.stack(new)), motions
 
     Swept = tuple[jax.Array, Constraints, Motions]
