@@ -26,6 +26,7 @@ from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
+LANES_OF_MANY = 96  # of three and more moving bodies, in the user's program
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
 # On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "On an
 # NVIDIA GPU" in docs/decisions/engine.md.
@@ -71,13 +72,13 @@ def lanes_of(topology: Topology, dtype: str) -> int:
     return lanes
 
 
-def cpu_lanes(topology: Topology, dtype: str) -> int:
+def cpu_lanes(topology: Topology) -> int:
     """Return how many worlds of a topology a CPU plays side by side in the user's program.
 
-    With few lanes XLA's default options give scalar code, so LANES hold for two bodies too. Measured; see "by its own
-    width" in docs/decisions/environments.md.
+    Up to some 80, XLA's default options give scalar code: LLVM writes out copies of so few numbers one by one.
+    Measured; see "by its own width" in docs/decisions/environments.md.
     """
-    return LANES if topology.moving <= 2 else lanes_of(topology, dtype)
+    return LANES if topology.moving <= 2 else LANES_OF_MANY
 
 
 def traced_lanes(worlds: int, topologies: int) -> int:

@@ -14,7 +14,6 @@ from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
 from iphyre_jax.physics.types import ABSENT, STATIC, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
 
-
 Carry = TypeVar("Carry")
 
 

@@ -87,7 +87,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     last = jnp.where(timing.dt > 0, last, 0)
     batch = Given(timing, games, order, given.request, given.next_game, given.first_game)
     for k, topology in enumerate(step.topologies):
-        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology, step.dtype))
+        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology))
         play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
         if lanes == size and _one_game(step, games):
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
