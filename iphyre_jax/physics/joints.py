@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +11,6 @@ from iphyre_jax.physics import lanes
 from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
 from iphyre_jax.physics.types import ABSENT, STATIC, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
-
-Carry = TypeVar("Carry")
 
 
 @jax.tree_util.register_dataclass
@@ -30,17 +26,6 @@ class Constraint:
 
 
 Constraints = list[Constraint]  # pins, then springs
-
-
-class Order(NamedTuple):
-    """The order in which the constraints of a step are solved.
-
-    Two constraints keep their order when one goes: each turn takes all of them. From three on, the last takes the rank
-    of a removed one: each turn takes those of one rank.
-    """
-
-    rank: jax.Array  # see `State.constraint_rank`
-    turns: jax.Array  # () int32, as many as any lane needs
 
 
 def prepare(topology: Topology, world: World, timing: Timing, state: State) -> Constraints:
@@ -104,66 +89,48 @@ def _push(motions: Motions, ends: tuple[int, int], constraint: Constraint, impul
     return out
 
 
-def apply_springs(topology: Topology, constraints: Constraints, motions: Motions, order: Order) -> Motions:
+def apply_springs(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the springs' forces of the step to the bodies; the reference does so before gravity."""
-    return _apply(topology, range(len(topology.pins), len(constraints)), constraints, motions, order)
+    return _apply(topology, range(len(topology.pins), len(constraints)), constraints, motions, rank)
 
 
-def apply_cached(topology: Topology, constraints: Constraints, motions: Motions, order: Order) -> Motions:
+def apply_cached(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the pins' impulses of the step before to the bodies again."""
-    return _apply(topology, range(len(topology.pins)), constraints, motions, order)
+    return _apply(topology, range(len(topology.pins)), constraints, motions, rank)
 
 
-def _apply(topology: Topology, chosen: range, constraints: Constraints, motions: Motions, order: Order) -> Motions:
+def _apply(topology: Topology, chosen: range, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
     """Give the accumulated impulses of the chosen constraints to the bodies, in solve order."""
-    if not chosen:
-        return motions
-
-    def push(k: int, here: jax.Array | None, motions: Motions) -> Motions:
-        if k not in chosen:
-            return motions
-        constraint = _masked(constraints[k], here)
-        return _push(motions, topology.constraint_ends[k], constraint, constraint.impulse)
-
-    return _in_order(constraints, order, push, motions)
+    for k, here in _in_order(len(constraints), rank):
+        if k in chosen:
+            constraint = _masked(constraints[k], here)
+            motions = _push(motions, topology.constraint_ends[k], constraint, constraint.impulse)
+    return motions
 
 
 def sweep(
-    topology: Topology, timing: Timing, constraints: Constraints, motions: Motions, order: Order
+    topology: Topology, timing: Timing, constraints: Constraints, motions: Motions, rank: jax.Array
 ) -> tuple[Constraints, Motions]:
-    """Run one sweep over the constraints in list order."""
-    Swept = tuple[Constraints, Motions]
-
-    def solve(k: int, here: jax.Array | None, swept: Swept) -> Swept:
-        (*constraints,), motions = swept
-        is_pin, ends, given = k < len(topology.pins), topology.constraint_ends[k], motions
-        new, motions = lanes.materialize(lambda: _solve(timing, ends, is_pin, constraints[k], here, given))
-        constraints[k] = replace(constraints[k], target=new[0], impulse=new[1])
-        return constraints, motions
-
-    return _in_order(constraints, order, solve, (constraints, motions))
-
-
-def _solve(
-    timing: Timing, ends: tuple[int, int], is_pin: bool, own: Constraint, here: jax.Array | None, motions: Motions
-) -> tuple[tuple[jax.Array, jax.Array], Motions]:
-    """Return a constraint's target and impulse after it was solved, and the motions.
+    """Run one sweep over the constraints in list order.
 
     Pin: the impulse that gives the target speed. Spring: damping takes its share of the difference to the target speed;
     the damped speed is the new target. A spring's impulse passes through the accumulator, where it is rounded.
     """
-    constraint = _masked(own, here)
-    speed = _speed(constraint, motions, ends)
-    if is_pin:
-        target, impulse = constraint.target, product(constraint.target - speed, constraint.mass)
-    else:
-        damped = product(constraint.target - speed, timing.spring_decay[0 if STATIC in ends else 1])
-        target, impulse = speed + damped, product(damped, constraint.mass)
-    total = constraint.impulse + impulse
-    motions = _push(motions, ends, constraint, total - constraint.impulse)
-    new = ((target, constraint.target), (total, constraint.impulse))
-    target, total = (jnp.where(constraint.active, *pair) for pair in new)
-    return (target, total), motions
+    constraints = list(constraints)
+    for k, here in _in_order(len(constraints), rank):
+        ends, constraint = topology.constraint_ends[k], _masked(constraints[k], here)
+        speed = _speed(constraint, motions, ends)
+        if k < len(topology.pins):
+            target, impulse = constraint.target, product(constraint.target - speed, constraint.mass)
+        else:
+            damped = product(constraint.target - speed, timing.spring_decay[0 if STATIC in ends else 1])
+            target, impulse = speed + damped, product(damped, constraint.mass)
+        total = constraint.impulse + impulse
+        motions = _push(motions, ends, constraint, total - constraint.impulse)
+        new = ((target, constraint.target), (total, constraint.impulse))
+        target, total = (jnp.where(constraint.active, *pair) for pair in new)
+        constraints[k] = replace(constraints[k], target=target, impulse=total)
+    return constraints, motions
 
 
 def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
@@ -172,34 +139,14 @@ def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
     return replace(constraint, active=constraint.active & here)
 
 
-def solve_order(constraints: Constraints, rank: jax.Array) -> Order:
-    """Return the order of a step's constraints; rank: see `State`."""
-    if not constraints:
-        return Order(rank, jnp.int32(0))
-    if len(constraints) < 3:
-        active = lanes.any_set(lanes.any_lane(jnp.stack([one.active for one in constraints])))
-        return Order(rank, active.astype(jnp.int32))
-    return Order(rank, jnp.max(rank) + 1)
+def _in_order(count: int, rank: jax.Array) -> list[tuple[int, jax.Array | None]]:
+    """List the constraints in solve order, each with the mask of the worlds in which it has that rank (None: all).
 
-
-def _in_order(
-    constraints: Constraints, order: Order, visit: Callable[[int, jax.Array | None, Carry], Carry], carry: Carry
-) -> Carry:
-    """Return `carry` after visit(k, here, carry) for each constraint k, in solve order.
-
-    here: the worlds in which it has its turn; None: all.
+    Two constraints keep their order when one goes. From three on, the last takes the rank of a removed one.
     """
-    if not constraints:
-        return carry
-
-    def take_turns(turn: jax.Array, carry: Carry) -> Carry:
-        for k in range(len(constraints)):
-            carry = visit(k, None if len(constraints) < 3 else order.rank[k] == turn, carry)
-        return carry
-
-    if len(constraints) < 3:
-        return take_turns(jnp.int32(0), carry)
-    return jax.lax.fori_loop(0, order.turns, take_turns, carry)
+    if count < 3:
+        return [(k, None) for k in range(count)]
+    return [(k, rank[k] == position) for position in range(count) for k in range(count)]
 
 
 def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:
