@@ -81,7 +81,7 @@ def cpu_lanes(topology: Topology) -> int:
     return LANES if topology.moving <= 2 else LANES_OF_MANY
 
 
-def traced_lanes(worlds: int, topologies: int) -> int:
+def accelerator_lanes(worlds: int, topologies: int) -> int:
     """Return how many of so many worlds run side by side in the user's program on an accelerator.
 
     It takes as long for few as for thousands. So a topology has one group, even if its share is double. On an NVIDIA

@@ -82,6 +82,11 @@ class Layout:
             math.prod(shape) for shape, dtype in zip(self.shapes, self.dtypes, strict=True) if dtype != self.dtype
         )
 
+    @property
+    def part_rows(self) -> tuple[int, int]:
+        """The number of rows of each of the two `Parts`."""
+        return self.whole_rows, self.rows - self.whole_rows
+
     @cached_property
     def starts(self) -> tuple[int, ...]:
         """The first row of each array."""

@@ -208,10 +208,11 @@ def solve(
 
     def slot(k: jax.Array, packed: jax.Array, carry: tuple[jax.Array, Motions]) -> tuple[jax.Array, Motions]:
         impulses, motions = carry
-        own, given = lanes.read(impulses, k), motions
+        own = lanes.read(impulses, k)
 
         def solved() -> tuple[Impulses, Motions]:
-            return _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), given)
+            # Taken apart in here: a field that is given to a call is copied before it.
+            return _solve_point(world, unpack_contact(packed, layout), (own[0], own[1], own[2]), motions)
 
         new, motions = lanes.materialize(solved)
         return lanes.write(impulses, k, lanes.stack(new)), motions

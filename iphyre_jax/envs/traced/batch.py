@@ -19,7 +19,7 @@ from jax.custom_batching import custom_vmap
 from iphyre_jax.envs.traced.cpu_batch import plain, play_on_cpu
 from iphyre_jax.envs.traced.sorting import run_slices, run_sorted, sort_into_blocks
 from iphyre_jax.envs.traced.step import Games, StepInput, StepOutput, TracedStep
-from iphyre_jax.execution.devices import MOST_OF_DEVICE, on_cpu, traced_lanes
+from iphyre_jax.execution.devices import MOST_OF_DEVICE, accelerator_lanes, on_cpu
 from iphyre_jax.execution.gpu import one_kernel
 from iphyre_jax.execution.gpu.one_kernel import BLOCK, NoKernelError
 from iphyre_jax.execution.layout import write_transposed
@@ -105,7 +105,7 @@ def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
     (timing, games), size = shared, given.next_game.shape[0]
     if not size:
         return step.blank(0)
-    lanes, is_single = traced_lanes(size, len(step.topologies)), games.topology_id.shape[0] == 1
+    lanes, is_single = accelerator_lanes(size, len(step.topologies)), games.topology_id.shape[0] == 1
 
     def play(topology: Topology, given: StepInput, out: StepOutput, first: jax.Array) -> StepOutput:
         """Play worlds of one topology, one a row, and write what they leave into `out`, from row `first` on."""

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.envs.batching.status import GAME
-from iphyre_jax.envs.traced.sorting import sort_by_game
+from iphyre_jax.envs.traced.sorting import one_game, sort_by_game
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import LANES, cpu_lanes
 from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
@@ -89,7 +89,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     for k, topology in enumerate(step.topologies):
         first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology))
         play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
-        if lanes == size and _one_game(step, games):
+        if lanes == size and one_game(games.topology_id, len(step.topologies)):
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
             # outside of loops and branches.
             out = in_branch(timing.dt > 0, partial(play, first, out))
@@ -127,7 +127,7 @@ def _play_group(
     games, size = batch.games, len(batch.order)
     at = jnp.minimum(first + jnp.arange(lanes, dtype=jnp.int32), last - 1)
     world = batch.order.at[at].get(mode="promise_in_bounds")
-    neighbours = _one_game(step, games) and not size % lanes
+    neighbours = one_game(games.topology_id, len(step.topologies)) and not size % lanes
     group = Group(world, jnp.minimum(lanes, last - first), neighbours)
     given = _read(step, topology, batch, group, out.now.state)
     row = _row_of(games, given.first_game + given.state.whole[GAME].astype(jnp.int32))
@@ -137,11 +137,6 @@ def _play_group(
     return out._replace(now=begin(out.now, games.start, given, follows, world))
 
 
-def _one_game(step: TracedStep, games: Games) -> bool:
-    """Return whether the worlds certainly play one game, of the one topology."""
-    return games.topology_id.shape[0] == len(step.topologies) == 1
-
-
 def _row_of(games: Games, row: jax.Array) -> jax.Array:
     """Return rows of the table of games; an episode of other parameters may name one that is not there."""
     return jnp.clip(row, 0, games.topology_id.shape[0] - 1)
@@ -149,9 +144,8 @@ def _row_of(games: Games, row: jax.Array) -> jax.Array:
 
 def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, states: Parts) -> StepInput:
     """Return what the worlds of a group play, lanes behind; states have no more rows than the topology needs."""
-    layout = episode_layout(topology, step.dtype)
-    whole = group.read(states.whole, step.status_words + layout.whole_rows)
-    state = Parts(whole, group.read(states.numbers, layout.rows - layout.whole_rows))
+    whole, numbers = episode_layout(topology, step.dtype).part_rows
+    state = Parts(group.read(states.whole, step.status_words + whole), group.read(states.numbers, numbers))
     request = group.read(batch.request, batch.request.shape[1])
     own = (rows.at[group.world].get(mode="promise_in_bounds") for rows in (batch.next_game, batch.first_game))
     return StepInput(state, request, *own)
@@ -162,8 +156,7 @@ def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) 
 
     Of few games each is looked up once, and put into all of its lanes.
     """
-    layout, tables = step.scene_layout(topology), games.scenes
-    widths = layout.whole_rows, layout.rows - layout.whole_rows
+    widths, tables = step.scene_layout(topology).part_rows, games.scenes
     count, lanes = games.topology_id.shape[0], len(row)
     if count > lanes:  # each lane may have a game of its own
         return Parts(*(read_columns(part, row, width) for part, width in zip(tables, widths, strict=True)))

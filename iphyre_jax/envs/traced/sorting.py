@@ -55,6 +55,11 @@ def run_sorted(
     return jax.lax.fori_loop(0, groups.count, run_group, out)
 
 
+def one_game(topology_id: jax.Array, topologies: int) -> bool:
+    """Return whether all worlds certainly play one game, of the one topology; topology_id: (games,) of each game."""
+    return topology_id.shape[0] == topologies == 1
+
+
 def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tuple[jax.Array, jax.Array]:
     """Return worlds in the order of their topologies, and within one of their games, (B,) int32.
 
@@ -69,7 +74,7 @@ def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tup
         The order, and for each topology the place after its last world, (topologies,) int32.
     """
     games, worlds = topology_id.shape[0], row.shape[0]
-    if games == topologies == 1:
+    if one_game(topology_id, topologies):
         return jnp.arange(worlds, dtype=jnp.int32), jnp.full(1, worlds, jnp.int32)
     own = topology_id[row]
     keys = own * games + row if topologies * games * worlds <= _LARGEST else own

@@ -221,8 +221,8 @@ class TracedStep:
 
 def _most_rows(layouts: Sequence[Layout]) -> tuple[int, int]:
     """Return the most rows of the two parts of tables."""
-    whole = max(layout.whole_rows for layout in layouts)
-    return whole, max(layout.rows - layout.whole_rows for layout in layouts)
+    whole, numbers = zip(*(layout.part_rows for layout in layouts), strict=True)
+    return max(whole), max(numbers)
 
 
 @lru_cache(1024)
