@@ -26,7 +26,7 @@ from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
-LANES_OF_MANY = 96  # of three and more moving bodies, in the user's program
+LANES_OF_MANY = 96  # of three and more moving bodies, in the user's program, if there are enough
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
 # On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "On an
 # NVIDIA GPU" in docs/decisions/engine.md.
@@ -72,13 +72,21 @@ def lanes_of(topology: Topology, dtype: str) -> int:
     return lanes
 
 
-def cpu_lanes(topology: Topology) -> int:
+def cpu_lanes(topology: Topology, dtype: str, worlds: int) -> int:
     """Return how many worlds of a topology a CPU plays side by side in the user's program.
 
-    Up to some 80, XLA's default options give scalar code: LLVM writes out copies of so few numbers one by one.
-    Measured; see "by its own width" in docs/decisions/environments.md.
+    Up to some 80, XLA's default options give scalar code: LLVM writes out copies of so few numbers one by one. But
+    lanes without worlds of their own cost more than that. Measured; see "by its own width" in
+    docs/decisions/environments.md.
+
+    Args:
+        topology: of the worlds.
+        dtype: of the physics.
+        worlds: that a topology of the batch has on average.
     """
-    return LANES if topology.moving <= 2 else LANES_OF_MANY
+    if topology.moving <= 2:
+        return LANES
+    return LANES_OF_MANY if worlds >= LANES_OF_MANY else lanes_of(topology, dtype)
 
 
 def accelerator_lanes(worlds: int, topologies: int) -> int:

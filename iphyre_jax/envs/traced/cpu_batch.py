@@ -86,8 +86,9 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     # What the compiler knows of the batch it must not use: it would take loops and tables apart, see above.
     last = jnp.where(timing.dt > 0, last, 0)
     batch = Given(timing, games, order, given.request, given.next_game, given.first_game)
+    average = size // len(step.topologies)
     for k, topology in enumerate(step.topologies):
-        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology))
+        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology, step.dtype, average))
         play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
         if lanes == size and one_game(games.topology_id, len(step.topologies)):
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
