@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +14,8 @@ from iphyre_jax.physics.constants import SPRING_REST, SPRING_STIFFNESS
 from iphyre_jax.physics.types import ABSENT, STATIC, Motions, State, Timing, Topology, World
 from iphyre_jax.physics.vector import Vec, dot, length, product
 
+Carry = TypeVar("Carry")
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -20,12 +24,27 @@ class Constraint:
 
     active: jax.Array  # bool, False once the bar that holds it is eliminated
     normal: Vec  # unit, from the first end to the second
-    mass: jax.Array  # 1 / (sum of the ends' inverse masses)
     target: jax.Array  # px/s, wanted relative speed along the normal
     impulse: jax.Array  # accumulated, px/s
 
 
 Constraints = list[Constraint]  # pins, then springs
+
+
+class SolveOrder(NamedTuple):
+    """The order in which the constraints of a step are solved.
+
+    Two constraints keep their order when one goes, and have no ranks. From three on, the last takes the rank of a
+    removed one.
+    """
+
+    rank: jax.Array  # see `State.constraint_rank`
+    num_ranks: jax.Array  # () int32, in use in any lane
+
+
+def solve_order(rank: jax.Array) -> SolveOrder:
+    """Return the order of a step's constraints; rank: see `State.constraint_rank`."""
+    return SolveOrder(rank, jnp.max(rank) + 1 if rank.shape[0] else jnp.int32(0))
 
 
 def prepare(topology: Topology, world: World, timing: Timing, state: State) -> Constraints:
@@ -41,13 +60,12 @@ def prepare(topology: Topology, world: World, timing: Timing, state: State) -> C
         distance = length(delta)
         normal = delta * (1.0 / jnp.where(distance == 0, jnp.inf, distance))
         gone = jnp.any(_holder(world, k) & ~state.alive, axis=0) | (world.anchor_static[k] == ABSENT)
-        mass = jnp.full_like(distance, 1.0 if STATIC in (i, j) else 0.5)
         if k < len(topology.pins):
             error = product(-timing.bias, distance - world.pin_length[k])
-            constraints.append(Constraint(~gone, normal, mass, error / timing.dt, state.pin_impulse[k]))
+            constraints.append(Constraint(~gone, normal, error / timing.dt, state.pin_impulse[k]))
         else:
             force = (SPRING_REST - distance) * SPRING_STIFFNESS
-            constraints.append(Constraint(~gone, normal, mass, jnp.zeros_like(distance), product(force, timing.dt)))
+            constraints.append(Constraint(~gone, normal, jnp.zeros_like(distance), product(force, timing.dt)))
     return constraints
 
 
@@ -89,48 +107,66 @@ def _push(motions: Motions, ends: tuple[int, int], constraint: Constraint, impul
     return out
 
 
-def apply_springs(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
+def apply_springs(topology: Topology, constraints: Constraints, motions: Motions, order: SolveOrder) -> Motions:
     """Give the springs' forces of the step to the bodies; the reference does so before gravity."""
-    return _apply(topology, range(len(topology.pins), len(constraints)), constraints, motions, rank)
+    return _apply(topology, range(len(topology.pins), len(constraints)), constraints, motions, order)
 
 
-def apply_cached(topology: Topology, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
+def apply_cached(topology: Topology, constraints: Constraints, motions: Motions, order: SolveOrder) -> Motions:
     """Give the pins' impulses of the step before to the bodies again."""
-    return _apply(topology, range(len(topology.pins)), constraints, motions, rank)
+    return _apply(topology, range(len(topology.pins)), constraints, motions, order)
 
 
-def _apply(topology: Topology, chosen: range, constraints: Constraints, motions: Motions, rank: jax.Array) -> Motions:
+def _apply(topology: Topology, chosen: range, constraints: Constraints, motions: Motions, order: SolveOrder) -> Motions:
     """Give the accumulated impulses of the chosen constraints to the bodies, in solve order."""
-    for k, here in _in_order(len(constraints), rank):
-        if k in chosen:
-            constraint = _masked(constraints[k], here)
-            motions = _push(motions, topology.constraint_ends[k], constraint, constraint.impulse)
-    return motions
+    if not chosen:
+        return motions
+
+    def push(k: int, here: jax.Array | None, motions: Motions) -> Motions:
+        if k not in chosen:
+            return motions
+        constraint = _masked(constraints[k], here)
+        return _push(motions, topology.constraint_ends[k], constraint, constraint.impulse)
+
+    return _in_order(constraints, order, push, motions)
 
 
 def sweep(
-    topology: Topology, timing: Timing, constraints: Constraints, motions: Motions, rank: jax.Array
+    topology: Topology, timing: Timing, constraints: Constraints, motions: Motions, order: SolveOrder
 ) -> tuple[Constraints, Motions]:
-    """Run one sweep over the constraints in list order.
+    """Run one sweep over the constraints in list order."""
+    Swept = tuple[Constraints, Motions]
+
+    def solve(k: int, here: jax.Array | None, swept: Swept) -> Swept:
+        (*constraints,), motions = swept
+        is_pin, ends, given = k < len(topology.pins), topology.constraint_ends[k], motions
+        new, motions = lanes.materialize(lambda: _solve(timing, ends, is_pin, _masked(constraints[k], here), given))
+        constraints[k] = replace(constraints[k], target=new[0], impulse=new[1])
+        return constraints, motions
+
+    return _in_order(constraints, order, solve, (constraints, motions))
+
+
+def _solve(
+    timing: Timing, ends: tuple[int, int], is_pin: bool, constraint: Constraint, motions: Motions
+) -> tuple[tuple[jax.Array, jax.Array], Motions]:
+    """Return a constraint's target and impulse after it was solved, and the motions.
 
     Pin: the impulse that gives the target speed. Spring: damping takes its share of the difference to the target speed;
     the damped speed is the new target. A spring's impulse passes through the accumulator, where it is rounded.
     """
-    constraints = list(constraints)
-    for k, here in _in_order(len(constraints), rank):
-        ends, constraint = topology.constraint_ends[k], _masked(constraints[k], here)
-        speed = _speed(constraint, motions, ends)
-        if k < len(topology.pins):
-            target, impulse = constraint.target, product(constraint.target - speed, constraint.mass)
-        else:
-            damped = product(constraint.target - speed, timing.spring_decay[0 if STATIC in ends else 1])
-            target, impulse = speed + damped, product(damped, constraint.mass)
-        total = constraint.impulse + impulse
-        motions = _push(motions, ends, constraint, total - constraint.impulse)
-        new = ((target, constraint.target), (total, constraint.impulse))
-        target, total = (jnp.where(constraint.active, *pair) for pair in new)
-        constraints[k] = replace(constraints[k], target=target, impulse=total)
-    return constraints, motions
+    speed = _speed(constraint, motions, ends)
+    mass = jnp.array(1.0 if STATIC in ends else 0.5, speed.dtype)  # 1 / (sum of the ends' inverse masses)
+    if is_pin:
+        target, impulse = constraint.target, product(constraint.target - speed, mass)
+    else:
+        damped = product(constraint.target - speed, timing.spring_decay[0 if STATIC in ends else 1])
+        target, impulse = speed + damped, product(damped, mass)
+    total = constraint.impulse + impulse
+    motions = _push(motions, ends, constraint, total - constraint.impulse)
+    new = ((target, constraint.target), (total, constraint.impulse))
+    target, total = (jnp.where(constraint.active, *pair) for pair in new)
+    return (target, total), motions
 
 
 def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
@@ -139,14 +175,19 @@ def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
     return replace(constraint, active=constraint.active & here)
 
 
-def _in_order(count: int, rank: jax.Array) -> list[tuple[int, jax.Array | None]]:
-    """List the constraints in solve order, each with the mask of the worlds in which it has that rank (None: all).
+def _in_order(
+    constraints: Constraints, order: SolveOrder, visit: Callable[[int, jax.Array | None, Carry], Carry], carry: Carry
+) -> Carry:
+    """Return `carry` after a visit of each constraint k, in solve order, with the mask of its worlds (None: all)."""
 
-    Two constraints keep their order when one goes. From three on, the last takes the rank of a removed one.
-    """
-    if count < 3:
-        return [(k, None) for k in range(count)]
-    return [(k, rank[k] == position) for position in range(count) for k in range(count)]
+    def visit_all(rank: jax.Array | None, carry: Carry) -> Carry:
+        for k in range(len(constraints)):
+            carry = visit(k, None if rank is None else order.rank[k] == rank, carry)
+        return carry
+
+    if order.rank.shape[0] == 0:  # written out: a loop would cost up to a sixth of a step
+        return visit_all(None, carry)
+    return jax.lax.fori_loop(0, order.num_ranks, visit_all, carry)
 
 
 def close_holes(topology: Topology, world: World, state: State, alive: jax.Array) -> jax.Array:

@@ -143,14 +143,15 @@ def step_with_stages(topology: Topology, world: World, timing: Timing, state: St
     table, num_touching, gjk_start = contacts.collide(topology, world, shape, broad, state.gjk_start)
     num_active = jnp.minimum(jnp.max(num_touching), topology.slots)
 
-    motions, rank = solver.unstack(state.motion, topology.moving), state.constraint_rank
+    motions = solver.unstack(state.motion, topology.moving)
     contact = solver.prestep(world, timing, table, num_active, motions, state.cache)
     constraints = joints.prepare(topology, world, timing, state)
-    motions = joints.apply_springs(topology, constraints, motions, rank)
+    order = joints.solve_order(state.constraint_rank)
+    motions = joints.apply_springs(topology, constraints, motions, order)
     motions = integrate_velocities(motions, timing)
     motions = solver.apply_cached(world, contact, motions)
-    motions = joints.apply_cached(topology, constraints, motions, rank)
-    sweep = partial(joints.sweep, topology, timing, rank=rank)
+    motions = joints.apply_cached(topology, constraints, motions, order)
+    sweep = partial(joints.sweep, topology, timing, order=order)
     contact, constraints, motions = solver.solve(world, contact, constraints, motions, sweep)
 
     pins = [constraint.impulse for constraint in constraints[: len(topology.pins)]]
