@@ -26,7 +26,7 @@ from iphyre_jax.physics.types import Topology
 
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
-LANES_OF_MANY = 96  # of three and more moving bodies, in the user's program, if there are enough
+LANES_IN_PROGRAM, FEWEST_IN_PROGRAM = 80, 48  # the same in the user's program
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
 # On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "On an
 # NVIDIA GPU" in docs/decisions/engine.md.
@@ -72,21 +72,21 @@ def lanes_of(topology: Topology, dtype: str) -> int:
     return lanes
 
 
-def cpu_lanes(topology: Topology, dtype: str, worlds: int) -> int:
+def cpu_lanes(topology: Topology, worlds: int, topologies: int) -> int:
     """Return how many worlds of a topology a CPU plays side by side in the user's program.
 
-    Up to some 80, XLA's default options give scalar code: LLVM writes out copies of so few numbers one by one. But
-    lanes without worlds of their own cost more than that. Measured; see "by its own width" in
+    Below 80, XLA's default options give scalar code: LLVM writes out copies of so few numbers one by one. From 80 on a
+    lane takes as long in any group, so fewer lanes leave fewer without worlds. But where three and more bodies move and
+    a topology has few worlds, half of 80 would play none. Measured; see "by its own width" in
     docs/decisions/environments.md.
 
     Args:
-        topology: of the worlds.
-        dtype: of the physics.
-        worlds: that a topology of the batch has on average.
+        topology: one of the batch.
+        worlds: in the batch.
+        topologies: in the batch.
     """
-    if topology.moving <= 2:
-        return LANES
-    return LANES_OF_MANY if worlds >= LANES_OF_MANY else lanes_of(topology, dtype)
+    few = topologies > 1 and worlds < LANES_IN_PROGRAM * topologies
+    return FEWEST_IN_PROGRAM if few and topology.moving > 2 else LANES_IN_PROGRAM
 
 
 def accelerator_lanes(worlds: int, topologies: int) -> int:

@@ -74,7 +74,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
         shared: timing and games.
         given: one world a row.
     """
-    (timing, games), size = shared, given.next_game.shape[0]
+    (timing, games), size, topologies = shared, given.next_game.shape[0], len(step.topologies)
     if not size:
         return step.blank(0)
     # A function must read each of its arguments (`in_one_function`). So no group may overwrite a whole table.
@@ -82,15 +82,17 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     out = step.blank(size + spare_rows)
     state = given.state.padded((size + spare_rows, size + spare_rows))
     out = out._replace(now=out.now._replace(state=state))
-    order, last = sort_by_game(games.topology_id, _row_of(games, given.row), len(step.topologies))
+    order, last = sort_by_game(games.topology_id, _row_of(games, given.row), topologies)
     # What the compiler knows of the batch it must not use: it would take loops and tables apart, see above.
     last = jnp.where(timing.dt > 0, last, 0)
     batch = Given(timing, games, order, given.request, given.next_game, given.first_game)
-    average = size // len(step.topologies)
+    # Rows of worlds that follow each other are read as one.
+    whole_groups = one_game(games.topology_id, topologies) and (size <= LANES or not size % LANES)
     for k, topology in enumerate(step.topologies):
-        first, lanes = last[k - 1] if k else jnp.int32(0), min(size, cpu_lanes(topology, step.dtype, average))
+        first = last[k - 1] if k else jnp.int32(0)
+        lanes = min(size, LANES if whole_groups else cpu_lanes(topology, size, topologies))
         play = partial(call, partial(_play_group, step, topology, lanes), batch, last[k])
-        if lanes == size and one_game(games.topology_id, len(step.topologies)):
+        if lanes == size and whole_groups:
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
             # outside of loops and branches.
             out = in_branch(timing.dt > 0, partial(play, first, out))
