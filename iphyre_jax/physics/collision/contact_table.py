@@ -84,7 +84,8 @@ class ContactBuffer:
     def append(self, key: jax.Array, tag: jax.Array, numbers: list[jax.Array]) -> ContactBuffer:
         """Give a point the next free slot of its lane, unless its key is KEY_NONE; beyond the last only count it."""
         touching = key != KEY_NONE
-        here = (lanes.iota(self.key.shape[0], key) == self.total[None]) & touching[None]
+        slot = lanes.materialize(lambda: jnp.where(touching, self.total, -1))
+        here = lanes.iota(self.key.shape[0], key) == slot[None]
         old = (self.key, self.tag, *self.numbers)
         rows = [jnp.where(here, new[None], kept) for new, kept in zip((key, tag, *numbers), old, strict=True)]
         return ContactBuffer(rows[0], rows[1], tuple(rows[2:]), self.total + touching.astype(jnp.int32))
