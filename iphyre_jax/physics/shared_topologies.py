@@ -18,7 +18,7 @@ import numpy.typing as npt
 from iphyre_jax.physics.types import ABSENT, Topology, World
 from iphyre_jax.physics.vector import Vec
 
-MOST: Final = 4  # constraints of a shared topology: from three on, a sweep tries each of them at each rank
+MOST: Final = 4  # constraints of a shared topology: from three on, a sweep tries each of them at each rank in use
 
 Ends = tuple[tuple[int, int], ...]
 Source = npt.NDArray[np.intp]  # (constraints,) index of each constraint in another topology, -1 if it is absent there

@@ -47,8 +47,8 @@ def test_it_is_a_call_on_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calls(jax.jit(lambda numbers: roots(numbers)).lower(NUMBERS).as_text()) == 0
 
 
-# Shapes, order keys, contacts of a kind of pair, where a contact is kept, a slot. With two kinds more, of which bars have
-# two contacts, and the separation of bars; with five bodies in a tree a removal, an insertion and three levels of it.
+# Shapes, order keys, contacts of a kind of pair, where a contact is kept, a slot. With two kinds more, of which bars
+# have two contacts, and the separation of bars; with five bodies in a tree a removal, an insertion and three levels.
 @pytest.mark.parametrize(("game", "parts"), [("support", 5), ("multi_ball_lever", 5 + 6 + 5)])
 def test_a_step_has_its_parts(game: str, parts: int) -> None:
     topology, world = compile_scene(load_scene(game), dtype="float32")
