@@ -128,7 +128,7 @@ def _apply(topology: Topology, chosen: range, constraints: Constraints, motions:
         constraint = _masked(constraints[k], here)
         return _push(motions, topology.constraint_ends[k], constraint, constraint.impulse)
 
-    return _in_order(constraints, order, push, motions)
+    return _in_order(len(constraints), order, push, motions)
 
 
 def sweep(
@@ -139,12 +139,16 @@ def sweep(
 
     def solve(k: int, here: jax.Array | None, swept: Swept) -> Swept:
         (*constraints,), motions = swept
-        is_pin, ends, given = k < len(topology.pins), topology.constraint_ends[k], motions
-        new, motions = lanes.materialize(lambda: _solve(timing, ends, is_pin, _masked(constraints[k], here), given))
-        constraints[k] = replace(constraints[k], target=new[0], impulse=new[1])
+        is_pin, ends = k < len(topology.pins), topology.constraint_ends[k]
+
+        def solved() -> tuple[tuple[jax.Array, jax.Array], Motions]:
+            return _solve(timing, ends, is_pin, _masked(constraints[k], here), motions)
+
+        (target, impulse), motions = lanes.materialize(solved)
+        constraints[k] = replace(constraints[k], target=target, impulse=impulse)
         return constraints, motions
 
-    return _in_order(constraints, order, solve, (constraints, motions))
+    return _in_order(len(constraints), order, solve, (constraints, motions))
 
 
 def _solve(
@@ -176,12 +180,12 @@ def _masked(constraint: Constraint, here: jax.Array | None) -> Constraint:
 
 
 def _in_order(
-    constraints: Constraints, order: SolveOrder, visit: Callable[[int, jax.Array | None, Carry], Carry], carry: Carry
+    count: int, order: SolveOrder, visit: Callable[[int, jax.Array | None, Carry], Carry], carry: Carry
 ) -> Carry:
     """Return `carry` after a visit of each constraint k, in solve order, with the mask of its worlds (None: all)."""
 
     def visit_all(rank: jax.Array | None, carry: Carry) -> Carry:
-        for k in range(len(constraints)):
+        for k in range(count):
             carry = visit(k, None if rank is None else order.rank[k] == rank, carry)
         return carry
 
