@@ -16,7 +16,7 @@ from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
-from iphyre_jax.models.world.reports.metrics import COLUMNS, measured
+from iphyre_jax.models.world.reports.metrics import COLUMNS, frequent_outcomes, measured
 from iphyre_jax.models.world.runs import train
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
@@ -166,5 +166,6 @@ def write_report(where: Comparison) -> None:
             missing.append(config.name)
         else:
             found.setdefault(name, []).append(known)
-    bounds = planning_bounds(where.published / "bounds", PLANS)
-    report.write(where.out, found, bounds, missing, provenance_facts())
+    folder = where.published / "bounds"
+    bounds, frequent = planning_bounds(folder, PLANS), frequent_outcomes(folder)
+    report.write(where.out, found, bounds, frequent, missing, provenance_facts())

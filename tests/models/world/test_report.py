@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from iphyre_jax.files import replace_json
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, storage
+from iphyre_jax.models.world.reports import metrics
 from iphyre_jax.models.world.reports.metrics import BOUNDS, HORIZONS
+from iphyre_jax.scenes import SPLITS
 from iphyre_jax.train.reports.report import seeds_cell
 
 
@@ -20,7 +24,7 @@ def _evaluation(seed: int, first: float) -> dict[str, Any]:
     errors = {name: [float(seed + 1)] * len(HORIZONS) for name in ("model", *BOUNDS)}
     measures = {
         "median error px": errors,
-        "outcomes": {"right": 0.5 + 0.1 * seed, "more frequent outcome of each game": 0.7},
+        "outcomes": {"right": 0.5 + 0.1 * seed},
         "calibration": {"one sigma": 0.7, "two sigma": 0.9, "uncertain": 0.5},
     }
     return {
@@ -39,6 +43,7 @@ def _played(first: float) -> dict[str, Any]:
 
 def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "planned", lambda agent, games, plans: _played(950.0))
+    monkeypatch.setattr(metrics, "_frequent", lambda split: 0.65 if split == "basic" else 0.5)
     where = Comparison(tmp_path, tmp_path / "world.md")
     for seed, first in ((0, 400.0), (2, 600.0)):
         folder = where.published / f"objects-100-{seed}"
@@ -50,6 +55,7 @@ def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monke
     assert "objects-100-1" in text
     assert "objects-100-2" not in text
     assert "| objects-100 | 2.00 ± 1.41 |" in text  # errors of 1 and 3 px
+    assert "| always the more frequent outcome of 100 other plays of each game | 65.0 | 50.0 |" in text
     assert "| objects-100 | 70 ± 0 / 90 ± 0 of 50 ± 0 |" in text
     assert "| objects-100, first | 500 ± 141 / 50 ± 0 % |" in text
     assert "| planner, exact simulator, first | 950 / 50 % |" in text
@@ -70,6 +76,17 @@ def test_a_bound_is_played_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(games) == 40 * len(rows)
     with pytest.raises(ValueError, match="settings: expected"):
         planning.planning_bounds(tmp_path, 8)
+
+
+def test_the_more_frequent_outcome_is_that_of_other_plays(monkeypatch: pytest.MonkeyPatch) -> None:
+    def plays(games: tuple[str, ...], each: int, seed: int, *_: int) -> SimpleNamespace:
+        scene = np.repeat(np.arange(len(games)), each)
+        solved = scene % 2 == 0 if seed == metrics.SEED else scene == 0  # the others: the first game alone is solved
+        return SimpleNamespace(scene=scene, success=solved)
+
+    monkeypatch.setattr(metrics, "official_plays", plays)
+    monkeypatch.setattr(metrics, "judged_plays", lambda split: plays(SPLITS[split], metrics.PLAYS, metrics.SEED))
+    assert metrics._frequent("basic") == pytest.approx(0.6)  # five games are not solved, and the first one is
 
 
 def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any, Final
 
 import jax
@@ -11,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.world.imagine import MOVERS, TIES, roll_out
 from iphyre_jax.models.world.interface import (
     NEIGHBOURS,
@@ -37,6 +39,7 @@ HELD: Final = "basic"  # games that were learned from, with other plans
 COLUMNS: Final = (HELD, "unseen_basic", "noisy", "compositional", "multi_ball")
 BOUNDS: Final[Mapping[str, Predict]] = {"nothing moves": nothing_moves, "free fall until contact": falls_until_contact}
 SEED: Final = 1  # of the judged plans
+COUNTED: Final = 100  # other plays of each game, whose more frequent outcome is a bound
 CERTAIN: Final = 0.01  # px, sigma of a place that is as good as certain
 
 Floats = npt.NDArray[np.float64]
@@ -119,16 +122,30 @@ def calibration(model: WorldModel, plays: Plays, index: Integers) -> dict[str, f
 
 
 def outcomes(predict: Predict, model: WorldModel, plays: Plays) -> dict[str, float]:
-    """Share of plans whose outcome is imagined rightly, and the share if the more frequent one were always said."""
+    """Share of plans whose outcome is imagined rightly, of all and of each outcome."""
     found = roll_out(predict, model, plays.scenes, np.asarray(plays.scene), np.asarray(plays.gone)).success
-    real, game = np.asarray(plays.success), np.asarray(plays.scene)
-    rate = np.array([real[game == k].mean() for k in np.unique(game)])
+    real = np.asarray(plays.success)
     return {
         "right": float((found == real).mean()),
         "right if solved": float(found[real].mean()) if real.any() else float("nan"),
         "right if not": float((~found[~real]).mean()) if not real.all() else float("nan"),
-        "more frequent outcome of each game": float(np.maximum(rate, 1 - rate).mean()),
     }
+
+
+def frequent_outcomes(folder: Path) -> Row:
+    """What always saying how most of COUNTED other plays of a game end is worth: the share that is right, by split.
+
+    The row is kept in a file of the folder; errors as `kept_row`.
+    """
+    settings = {"plays": PLAYS, "seed": SEED, "other plays": COUNTED, "their seed": SEED + 1}
+    return kept_row(folder, "more-frequent-outcome", settings, lambda: {split: _frequent(split) for split in COLUMNS})
+
+
+def _frequent(split: str) -> float:
+    plays, others = judged_plays(split), official_plays(SPLITS[split], COUNTED, SEED + 1, MOVERS, TIES)
+    solved, game = np.asarray(others.success), np.asarray(others.scene)
+    frequent = np.array([solved[game == k].mean() > 0.5 for k in range(len(SPLITS[split]))])
+    return float((frequent[np.asarray(plays.scene)] == np.asarray(plays.success)).mean())
 
 
 def measured(model: WorldModel, split: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
-from iphyre_jax.models.world.reports.metrics import BOUNDS, COLUMNS, HORIZONS
+from iphyre_jax.models.world.reports.metrics import BOUNDS, COLUMNS, COUNTED, HORIZONS
 from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
@@ -21,6 +21,7 @@ TITLES: Final = {
     "compositional": "compositional",
     "multi_ball": "multi-ball",
 }
+FREQUENT: Final = f"always the more frequent outcome of {COUNTED} other plays of each game"
 ABOUT: Final = """# World models
 
 Written by `make results-world`; do not edit. What will the scene look like 0.1 s later, and how does a plan end
@@ -56,17 +57,13 @@ def horizon_table(evaluations: Evaluations, column: str) -> str:
     return markdown_table(["row", *(f"{horizon / 10:g} s" for horizon in HORIZONS)], rows)
 
 
-def outcome_table(evaluations: Evaluations) -> str:
-    """Shares of plans whose outcome is imagined rightly, by split."""
+def outcome_table(evaluations: Evaluations, frequent: Mapping[str, float]) -> str:
+    """Shares of plans whose outcome is imagined rightly, by split; frequent: see `frequent_outcomes`."""
     rows = []
     for name, runs in evaluations.items():
         shares = [[found["outcomes"]["right"] for found in _columns(runs, column)] for column in COLUMNS]
         rows.append([name, *(seeds_cell(values, 100) for values in shares)])
-    frequent = []
-    for column in COLUMNS:
-        found = [each for runs in evaluations.values() for each in _columns(runs, column)][:1]
-        frequent.append(seeds_cell([each["outcomes"]["more frequent outcome of each game"] for each in found], 100))
-    rows.append(["always the more frequent outcome of each game", *frequent])
+    rows.append([FREQUENT, *(f"{100 * frequent[column]:.1f}" for column in COLUMNS)])
     return markdown_table(["row", *(TITLES[column] for column in COLUMNS)], rows)
 
 
@@ -122,6 +119,7 @@ def write(
     out: Path,
     evaluations: Evaluations,
     bounds: Mapping[str, Mapping[str, Any]],
+    frequent: Mapping[str, float],
     missing: Sequence[str],
     facts: Mapping[str, Any],
 ) -> None:
@@ -131,6 +129,7 @@ def write(
         out: of the document.
         evaluations: of each seed, by row, in the order shown.
         bounds: other planners, as `planning_bounds` gives them.
+        frequent: share of plans that end as most other plays of their game, by split.
         missing: runs that are not there.
         facts: provenance, JSON values.
     """
@@ -140,7 +139,7 @@ def write(
     for column in COLUMNS:
         if any(_columns(runs, column) for runs in evaluations.values()):
             parts += [f"## Error of balls, {TITLES[column]}, px", horizon_table(evaluations, column)]
-    parts += ["## Outcomes imagined rightly, %", outcome_table(evaluations)]
+    parts += ["## Outcomes imagined rightly, %", outcome_table(evaluations, frequent)]
     if any("calibration" in each for runs in evaluations.values() for c in COLUMNS for each in _columns(runs, c)):
         parts += [
             "## Calibration",
