@@ -102,7 +102,7 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
     Raises:
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
-    if (folder / runs.EVALUATION).is_file():
+    if is_evaluated(folder, config.updates):
         found = runs.read_config(folder)
         check_settings(folder, found, config)
         if _changed_files(found):
@@ -114,9 +114,20 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
     runs.publish(folder, published)
 
 
+def is_evaluated(folder: Path, updates: int) -> bool:
+    """Whether a run was trained to its end and then played all games.
+
+    `iphyre-jax evaluate` also evaluates runs that were interrupted, older checkpoints, and other games.
+    """
+    if not (folder / runs.EVALUATION).is_file():
+        return False
+    trained = read_json_object(folder / runs.EVALUATION).get("updates trained", "")
+    return trained.startswith(f"{updates} of {updates},") and set(PLAYED) <= set(compare.read(folder).games)
+
+
 def is_published(folder: Path, config: TrainConfig) -> bool:
     """Whether a run with these settings is published in a folder; one with others, or other files, is out of date."""
-    if not (folder / runs.EVALUATION).is_file():
+    if not is_evaluated(folder, config.updates):
         return False
     found = runs.read_config(folder)
     return without_sums(found) == config and not _changed_files(found)

@@ -54,6 +54,7 @@ from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
 from iphyre_jax.models.outcome.plays.augmented import scenes_of
 from iphyre_jax.models.outcome.plays.proposals import proposals_of
 from iphyre_jax.models.outcome.ranker import Refinement, stage_folder, trained_ranker
+from iphyre_jax.models.outcome.storage import WEIGHTS as RANKERS
 from iphyre_jax.models.outcome.storage import OutcomeClassifier, load_classifier, save_classifier
 from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
@@ -63,7 +64,8 @@ from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
-from iphyre_jax.train.storage.pretrained import load_pretrained
+from iphyre_jax.train.storage.manifest import sum_of
+from iphyre_jax.train.storage.pretrained import WEIGHTS, load_pretrained
 
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
 SHIPPED_RANKED: Final = f"{SHIPPED}-ranked"  # that policy, whose plans the shipped classifiers rank
@@ -191,9 +193,11 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
 def _shipped(fps: int) -> dict[str, Policy]:
     """The shipped policy at a rate, without and with the classifier that ships for this rate."""
     policy = load_pretrained(SHIPPED)
-    plain = Policy(replace(policy.config, fps=fps, resets=RESETS[fps]), policy.state)
-    ranker = load_classifier(ranker_config(fps).name)
-    return {SHIPPED: plain, SHIPPED_RANKED: replace(plain, ranker=ranker, ranking=Ranking(REFINEMENTS[fps]))}
+    config, sums = replace(policy.config, fps=fps, resets=RESETS[fps]), {"sha256": sum_of(WEIGHTS / f"{SHIPPED}.npz")}
+    plain, name = Policy(config, policy.state, sums=sums), ranker_config(fps).name
+    with_ranker = {**sums, "ranker_sha256": sum_of(RANKERS / f"{name}.npz")}
+    ranked = replace(plain, ranker=load_classifier(name), ranking=Ranking(REFINEMENTS[fps]), sums=with_ranker)
+    return {SHIPPED: plain, SHIPPED_RANKED: ranked}
 
 
 def _ranker_folder(root: Path, fps: int, ranking: Ranking) -> Path | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,12 +40,14 @@ class Policy:
         state: of the algorithm.
         ranker: chooses among its plans ...
         ranking: ... like this.
+        sums: SHA-256 of its weights, by name, if they were not trained for these rows but ship with the package.
     """
 
     config: TrainConfig
     state: State
     ranker: OutcomeClassifier | None = None
     ranking: Ranking | None = None
+    sums: Mapping[str, str] = field(default_factory=dict)
 
     def agent(self) -> PolicyTries:
         """The agent that tries its plans."""
@@ -57,7 +59,8 @@ class Policy:
     def settings(self) -> dict[str, Any]:
         """What decides its rows, as JSON gives it back."""
         count = len(self.state.params.get("members", [self.state]))
-        return settings_of_row(self.config, count, self.ranker.config if self.ranker else None, self.ranking)
+        found = settings_of_row(self.config, count, self.ranker.config if self.ranker else None, self.ranking)
+        return {**found, **self.sums}
 
 
 def settings_of_row(

@@ -65,7 +65,7 @@ def main(arguments: Arguments) -> None:
         f"{len(varied)} variations": varied,
     }
     means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
-    parts = [_intro(policies[0]), _table(list(games), means), _seeds(arguments.runs)]
+    parts = [_intro(policies[0]), _table(list(games), means), _seeds(arguments.runs), *_elsewhere(policies, arguments)]
     counter = arguments.out / COUNTER
     if arguments.test:
         counted(counter)
@@ -148,6 +148,18 @@ def _seeds(root: Path) -> str:
         "are not all trained are left out: `make results` trains them."
     )
     return f"## All seeds\n\n{text}\n\n{markdown_table(header, rows)}"
+
+
+def _elsewhere(policies: Sequence[Pretrained], arguments: Arguments) -> list[str]:
+    """A sentence about policies that come from another training than the published seeds, if there are any."""
+    commits = {}
+    for policy in policies:
+        trained = policy.origin["trained"]
+        files = (arguments.runs / policy.name).glob(f"seed-*/{runs.CONFIG}")
+        if all(read_json_object(file)["started"] != trained["started"] for file in files):
+            commits[policy.name] = trained["commit"][:8]
+    listed = ", ".join(f"{name} (commit {commit})" for name, commit in commits.items())
+    return [f"Shipped from an earlier training, not from these seeds: {listed}."] if listed else []
 
 
 def _summary(row: compare.Row, kind: str, split: str) -> Summary:

@@ -12,14 +12,18 @@ import numpy as np
 
 from iphyre_jax.analyses.difficulty import agreement, iterations
 from iphyre_jax.analyses.failures import sources
-from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference, pearson, share
+from iphyre_jax.analyses.figures import COLUMNS, by_split, pearson, share
 from iphyre_jax.analyses.people import scores as scores_of_people
+from iphyre_jax.analyses.seeds import SAMPLED, unseen_difference
 from iphyre_jax.analyses.shipped import Policy
-from iphyre_jax.analyses.tables import paper_facts, unseen_difference
+from iphyre_jax.analyses.tables import paper_facts
 from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.kept_rows import Row
 from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.reports.compare import Row as Seeds
+from iphyre_jax.train.reports.compare import difference
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.statistics import Summary
 
 NEAR: Final = 50.0  # points between means that count as near, or as even
 TESTED: Final = 1000  # sequences of a split on which the paper's classifiers are scored
@@ -34,19 +38,25 @@ class Claim(NamedTuple):
     judgement: str
 
 
-def claims(policies: Sequence[Policy], oracle: Mapping[str, Row], difficulty: Mapping[str, Row] | None) -> list[Claim]:
+def claims(
+    policies: Sequence[Policy],
+    seeds: Mapping[str, Seeds],
+    oracle: Mapping[str, Row],
+    difficulty: Mapping[str, Row] | None,
+) -> list[Claim]:
     """Return all claims.
 
     Args:
         policies: the shipped ones.
+        seeds: all seeds of each agent, see `analyses.seeds`.
         oracle: rows at 10 steps a second, the rate of the policies of the paper's kind.
         difficulty: rows of all forty games at 60, seed 0; None if they are not there.
     """
     return [
-        *_strategies({policy.name: policy for policy in policies}),
+        *_strategies(seeds),
         *_splits(),
         *_difficulty(difficulty),
-        _unseen(policies),
+        _unseen(seeds),
         _failures([policy for policy in policies if policy.plans_ahead and policy.fps == 10], oracle),
         *_classifiers(),
         Claim("A world model does not help", NOT_PUBLISHED, "open"),
@@ -55,21 +65,20 @@ def claims(policies: Sequence[Policy], oracle: Mapping[str, Row], difficulty: Ma
     ]
 
 
-def _strategies(policies: Mapping[str, Policy]) -> list[Claim]:
-    """In advance against on the fly and combined: sampled reward on basic of the shipped policies."""
-    found = {}
-    for letter in ("o", "c"):
-        for agent in ("ppo", "a2c", "sac"):
-            pair = [policies[f"{agent}-{kind}"].values("sampled") for kind in ("i", letter)]
-            ahead, other = ([values[game] for game in COLUMNS["basic"]] for values in pair)
-            found[f"{agent}-{letter}"] = bootstrap(mean_difference, other, ahead)
+def _strategies(seeds: Mapping[str, Seeds]) -> list[Claim]:
+    """In advance against on the fly and combined: sampled reward on basic."""
+    found = {
+        f"{agent}-{letter}": _estimate(difference(seeds[f"{agent}-i"], seeds[f"{agent}-{letter}"], SAMPLED, "basic"))
+        for letter in ("o", "c")
+        for agent in ("ppo", "a2c", "sac")
+    }
     on_the_fly = {name: each for name, each in found.items() if name.endswith("o")}
     combined = {name: each for name, each in found.items() if name.endswith("c")}
     better = sum(each.low > 0 for each in on_the_fly.values())
     near = sum(abs(each.value) < NEAR for each in combined.values())
     return [
         Claim(
-            "In advance learns better than on the fly (reward after training, basic, sampled, 10 fps, one seed each)",
+            "In advance learns better than on the fly (reward after training, basic, sampled, 10 fps, over seeds)",
             "in advance minus on the fly: " + _listed(on_the_fly),
             _of_all(better, len(on_the_fly)),
         ),
@@ -79,6 +88,11 @@ def _strategies(policies: Mapping[str, Policy]) -> list[Claim]:
             _of_all(near, len(combined)),
         ),
     ]
+
+
+def _estimate(found: Summary | None) -> Estimate:
+    """A mean over seeds; unknown if agents share none."""
+    return Estimate(found.mean, found.low, found.high) if found else Estimate(np.nan, np.nan, np.nan)
 
 
 def _listed(found: Mapping[str, Estimate]) -> str:
@@ -166,13 +180,13 @@ def _holds(holds: bool) -> str:
     return "holds" if holds else "does not hold"
 
 
-def _unseen(policies: Sequence[Policy]) -> Claim:
+def _unseen(seeds: Mapping[str, Seeds]) -> Claim:
     """Unseen basic against basic, the paper's agents and ours."""
     stated = {
         name: pair["unseen"] - pair["basic"] for name, pair in paper_facts()["unseen_basic"].items() if name != "Random"
     }
     near = sum(change > -NEAR for change in stated.values())
-    ours = {p.name: unseen_difference(p) for p in policies if p.name in ("ppo-i", "ppo-i-objects", "ppo-i-smooth")}
+    ours = {name: _estimate(unseen_difference(seeds[name])) for name in ("ppo-i", "ppo-i-objects", "ppo-i-smooth")}
     figures = ", ".join(f"{name} {change:.0f}" for name, change in stated.items())
     return Claim(
         f"Unseen basic nearly matches basic (a loss below {NEAR:g} points)",
@@ -247,9 +261,9 @@ def document(found: Sequence[Claim]) -> str:
         "\n\n".join(
             [
                 "# Claims of the paper",
-                "Written by `iphyre-jax analyse claims`. In brackets: 95 % intervals; bootstrap over games or agents, "
-                "Wilson for shares. Figures of the paper are single runs. A verdict is a rule applied to the figure, "
-                "stated in the claim.",
+                "Written by `iphyre-jax analyse claims`. In brackets: 95 % intervals; t over the seeds of our agents, "
+                "else bootstrap over games or agents, Wilson for shares. Figures of the paper are single runs. A "
+                "verdict is a rule applied to the figure, stated in the claim.",
                 markdown_table(["claim", "figure", "verdict"], cells),
             ]
         )

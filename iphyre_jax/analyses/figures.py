@@ -50,11 +50,6 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
     return pearson(ranks(first), ranks(second))
 
 
-def mean_difference(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
-    """Return the mean (...) of second - first, (..., N)."""
-    return np.asarray((np.asarray(second, np.float64) - np.asarray(first, np.float64)).mean(axis=-1), np.float64)
-
-
 def share(successes: int, trials: int) -> Estimate:
     """Return a share with its 95 % Wilson interval."""
     if not trials:

@@ -1,4 +1,4 @@
-"""Tables of shipped scores beside the paper's: the forty games by agent, and unseen layouts of the basic games."""
+"""Tables of scores beside the paper's: the forty games by shipped policy, and unseen layouts of the basic games."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from iphyre_jax.analyses.figures import COLUMNS, by_split, mean_difference
+from iphyre_jax.analyses.figures import by_split
+from iphyre_jax.analyses.seeds import GREEDY, unseen_difference
 from iphyre_jax.analyses.shipped import Policy
-from iphyre_jax.intervals import Estimate, bootstrap
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.reports.compare import Row
 from iphyre_jax.train.reports.report import markdown_table, paper_numbers
 from iphyre_jax.train.settings.run import STRATEGY_LETTERS
-
-UNSEEN = tuple(SPLITS["unseen_basic"])
 
 
 @cache
@@ -35,7 +34,8 @@ def games_document(policies: Sequence[Policy]) -> str:
     paper = paper_numbers()["per_game"]
     parts = [
         "# Game by game",
-        "Written by `iphyre-jax analyse games`. Ours: shipped policies (one seed each), mean of 20 sampled episodes. "
+        "Written by `iphyre-jax analyse games`. Ours: shipped policies, each the best of five seeds on the basic and "
+        "unseen basic games, mean of 20 sampled episodes. "
         "Paper: one sampled episode at 10 steps a second, so that a cell is a single draw.",
     ]
     for fps in sorted({policy.fps for policy in policies}):
@@ -60,29 +60,13 @@ def games_document(policies: Sequence[Policy]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def unseen_difference(policy: Policy, kind: str = "greedy") -> Estimate:
-    """Return the mean difference of reward, unseen basic minus basic, with its interval over the ten pairs of games."""
-    values = policy.values(kind)
-    basic = [values[game] for game in COLUMNS["basic"]]
-    unseen = [values[f"unseen_{game}"] for game in COLUMNS["basic"]]
-    return bootstrap(mean_difference, basic, unseen)
-
-
-def within_template_document(policies: Sequence[Policy]) -> str:
-    """Return the table of basic and unseen basic games."""
-    cells = []
-    for policy in policies:
-        values = policy.values("greedy")
-        basic = sum(values[game] for game in COLUMNS["basic"]) / 10
-        unseen = sum(values[game] for game in UNSEEN) / 10
-        found = unseen_difference(policy)
-        change = f"{found.value:.1f} [{found.low:.0f}, {found.high:.0f}]"
-        cells.append([policy.name, str(policy.fps), f"{basic:.1f}", f"{unseen:.1f}", change])
+def within_template_document(rows: Mapping[str, Row]) -> str:
+    """Return the table of basic and unseen basic games; rows: all seeds of each agent, by its name in the package."""
     tables = []
-    for fps in sorted({policy.fps for policy in policies}):
-        rows = [[*cell[:1], *cell[2:]] for cell in cells if cell[1] == str(fps)]
-        header = ["policy", "basic", "unseen basic", "difference"]
-        tables += [f"## Ours, {fps} steps a second, greedy", markdown_table(header, rows)]
+    for fps in sorted({row.config.fps for row in rows.values()}):
+        cells = [[name, str(len(row.seeds)), *_of_seeds(row)] for name, row in rows.items() if row.config.fps == fps]
+        header = ["agent", "seeds", "basic", "unseen basic", "difference"]
+        tables += [f"## Ours, {fps} steps a second, greedy", markdown_table(header, cells)]
     stated = [
         [name, f"{pair['basic']:.2f}", f"{pair['unseen']:.2f}", f"{pair['unseen'] - pair['basic']:.2f}"]
         for name, pair in paper_facts()["unseen_basic"].items()
@@ -91,9 +75,9 @@ def within_template_document(policies: Sequence[Policy]) -> str:
         "\n\n".join(
             [
                 "# Within the template",
-                "Written by `iphyre-jax analyse within-template`. Basic games, on which the policies were trained, and "
-                "ten other layouts of them. Shipped policies, one seed each; in brackets the 95 % bootstrap interval "
-                "over the ten games.",
+                "Written by `iphyre-jax analyse within-template`. Basic games, on which the agents were trained, and "
+                "ten other layouts of them. Means of the seeds that `make results` trained; in brackets the 95 % t "
+                "interval over seeds.",
                 *tables,
                 "## Paper, 10 steps a second, one episode a game",
                 markdown_table(["agent", "basic", "unseen basic", "difference"], stated),
@@ -103,3 +87,9 @@ def within_template_document(policies: Sequence[Policy]) -> str:
         )
         + "\n"
     )
+
+
+def _of_seeds(row: Row) -> list[str]:
+    """Greedy reward of basic and unseen basic games, and the difference."""
+    found = row.summary(GREEDY, "basic"), row.summary(GREEDY, "unseen_basic"), unseen_difference(row)
+    return [f"{of.mean:.1f} [{of.low:.0f}, {of.high:.0f}]" if of else "-" for of in found]

@@ -14,7 +14,18 @@ from rich.console import Console
 
 from iphyre_jax.agents.language import runs, transcripts
 from iphyre_jax.agents.language.answers import Replay
-from iphyre_jax.analyses import attempts_rows, claims, difficulty, failures, oracle, people, protocols, slack, tables
+from iphyre_jax.analyses import (
+    attempts_rows,
+    claims,
+    difficulty,
+    failures,
+    oracle,
+    people,
+    protocols,
+    seeds,
+    slack,
+    tables,
+)
 from iphyre_jax.analyses.imagination import report as imagination
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.ask import Ask
@@ -71,6 +82,8 @@ class Analyse:
     """Folder of the rows."""
     out: Path = Path("docs/results")
     """Folder of the documents."""
+    runs: Path = Path("docs/results/runs")
+    """Folder of the seeds that `make results` published; within-template and claims read it."""
     data: Path | None = None
     """Folder to write what the oracle found into, once it is whole: the data that the package ships."""
     written_only: bool = False
@@ -166,7 +179,7 @@ def _claims(command: Analyse, console: Console) -> str:
     del console
     counts = read_rows(command.rows / "difficulty-60fps-0")
     whole = counts if set(GAMES) <= set(counts) else None
-    return claims.document(claims.claims(policies(), oracle.shipped(10), whole))
+    return claims.document(claims.claims(policies(), seeds.published(command.runs), oracle.shipped(10), whole))
 
 
 def _protocols(command: Analyse, console: Console) -> str:
@@ -187,7 +200,7 @@ DOCUMENTS: Final[dict[What, Callable[[Analyse, Console], str]]] = {
     "slack": lambda command, console: slack.document(_shipped(), policies()),
     "failures": lambda command, console: failures.document(policies(), _shipped()),
     "people": lambda command, console: people.document(),
-    "within-template": lambda command, console: tables.within_template_document(policies()),
+    "within-template": lambda command, console: tables.within_template_document(seeds.published(command.runs)),
     "games": lambda command, console: tables.games_document(policies()),
     "protocols": _protocols,
     "attempts": _attempts,

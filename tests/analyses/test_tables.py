@@ -1,10 +1,22 @@
-import numpy as np
+"""Tables of the analyses, by hand and as they are published."""
 
-from iphyre_jax.analyses import attempts_rows, protocols
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from iphyre_jax.analyses import attempts_rows, protocols, seeds
 from iphyre_jax.analyses.claims import claims
 from iphyre_jax.analyses.oracle import shipped
 from iphyre_jax.analyses.shipped import policies
+from iphyre_jax.cli.analyse import DOCUMENTS, Analyse, What
+from iphyre_jax.files import read_json_object, replace_json
 from iphyre_jax.scenes import GAMES
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+RUNS = RESULTS / "runs"
 
 
 def test_protocols_by_hand() -> None:
@@ -36,10 +48,42 @@ def test_table_of_attempts_says_what_is_missing() -> None:
 
 def test_claims_are_complete_and_judged() -> None:
     counts = {game: {"to_successes": 100 + place} for place, game in enumerate(GAMES)}
-    found = claims(policies(), shipped(10), counts)
+    rows = seeds.published(RUNS)
+    found = claims(policies(), rows, shipped(10), counts)
     assert len({claim.text for claim in found}) == len(found) == 15
     assert all(claim.judgement.split(":")[0] in ("holds", "does not hold", "partly", "open") for claim in found)
     by_text = {claim.text: claim for claim in found}
     assert by_text["Compositional games are hardest"].judgement == "does not hold"  # the last ten places are multi-ball
-    open_ones = {claim.text for claim in claims(policies(), shipped(10), None) if claim.judgement == "open"}
+    open_ones = {claim.text for claim in claims(policies(), rows, shipped(10), None) if claim.judgement == "open"}
     assert "Difficulty by sampling agrees with people" in open_ones
+
+
+@pytest.mark.parametrize("what", ["slack", "failures", "people", "within-template", "games"])
+def test_published_documents_are_those_of_what_ships(what: What) -> None:
+    written = (RESULTS / f"{what}.md").read_text("utf-8").split("\n## Origin")[0]
+    assert DOCUMENTS[what](Analyse(runs=RUNS), Console(quiet=True)) == written
+
+
+def test_differences_are_over_seeds() -> None:
+    row = seeds.published(RUNS)["ppo-o"]
+    each = [np.mean(one.scores("greedy", "unseen_basic")) - np.mean(one.scores("greedy", "basic")) for one in row.seeds]
+    found = seeds.unseen_difference(row)
+    assert (found.mean, found.seeds) == (pytest.approx(np.mean(each)), 5)
+    half = 2.7764451 * np.std(each, ddof=1) / 5**0.5  # t of 4 degrees of freedom
+    assert (found.low, found.high) == (pytest.approx(found.mean - half), pytest.approx(found.mean + half))
+
+
+def test_seeds_that_are_missing_or_differ_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"runs: expected .*a2c-c/seed-\*, which `make results` publishes; there are"):
+        seeds.published(tmp_path)
+    shutil.copytree(RUNS / "a2c-c", tmp_path / "a2c-c")
+    evaluation = tmp_path / "a2c-c" / "seed-1" / "evaluation.json"
+    content = read_json_object(evaluation)
+    kept = [game for game in content["games"] if game["game"] != "unseen_hole"]
+    replace_json(evaluation, {**content, "games": kept})
+    with pytest.raises(ValueError, match=r"seed-1: expected scores of the games of unseen_basic, they are not there"):
+        seeds.published(tmp_path)
+    shutil.rmtree(evaluation.parent)
+    shutil.copytree(RUNS / "a2c-i" / "seed-1", evaluation.parent)
+    with pytest.raises(ValueError, match=r"runs: expected seeds of one agent in .*a2c-c, their settings differ"):
+        seeds.published(tmp_path)

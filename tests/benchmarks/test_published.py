@@ -9,6 +9,8 @@ import pytest
 
 from benchmarks.learning import agents, carry_over, on_the_fly
 from benchmarks.learning.rows import TableName, rows
+from iphyre_jax.files import read_versioned
+from iphyre_jax.kept_rows import SCHEMA, VERSION, read_row
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
@@ -38,6 +40,16 @@ def test_document_of_what_carries_over(tmp_path: Path) -> None:
     written = tables(tmp_path / "carry-over.md")
     assert len(written) > 100
     assert written == tables(RESULTS / "carry-over.md")
+
+
+@pytest.mark.parametrize("fps", [10, 60])
+def test_rows_of_the_shipped_policy_are_those_of_its_weights(fps: int) -> None:
+    for name, policy in carry_over._shipped(fps).items():
+        read_row(RESULTS / "carry-over" / f"held-out-{fps}fps" / f"{name}.json", policy.settings())
+        forty = read_versioned(RESULTS / "carry-over" / f"forty-{fps}fps" / f"{name}.json", SCHEMA, (VERSION,))
+        assert policy.settings().items() <= forty["settings"].items()
+    ranked = policy.settings()
+    assert ranked["sha256"] != ranked["ranker_sha256"]
 
 
 def test_seeds_of_agents_on_the_fly() -> None:

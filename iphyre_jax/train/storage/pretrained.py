@@ -1,6 +1,7 @@
-"""Trained policies that ship with the package: the best seed of each row of docs/results/results.md.
+"""Trained policies that ship with the package: the best seed of an agent of docs/results/results.md.
 
-Each is two files of `weights/`. They are data and run no code when loaded:
+`origin` names the training; results.md may hold a later one of the same settings. Each is two files of `weights/`.
+They are data and run no code when loaded:
 
 NAME.npz    the arrays that inference needs, in float16
 NAME.json   settings, SHA-256 of NAME.npz, how the seed was chosen, where it was trained, and the scores of these

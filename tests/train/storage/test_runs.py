@@ -309,6 +309,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
 def test_a_published_run_is_not_trained_again(
     finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(agents, "PLAYED", GAMES)
     arguments = agents.Arguments(root=tmp_path / "nothing", out=tmp_path / "out", seeds=1)
     published = arguments.published / "tiny" / "seed-0"
     assert not agents.is_published(published, TINY)
@@ -322,6 +323,26 @@ def test_a_published_run_is_not_trained_again(
     text = (arguments.out / "results.md").read_text()
     assert "PPO-I quick" in text
     assert not agents.is_published(published, replace(TINY, updates=TINY.updates + 1))  # out of date
+
+
+@pytest.mark.parametrize(("updates", "games"), [(1, GAMES), (TINY.updates, GAMES[:1])])
+def test_an_evaluation_of_a_part_is_made_anew(
+    finished: loop.TrainingResult,
+    updates: int,
+    games: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`iphyre-jax evaluate` had been used on the folder: on an older checkpoint, or on some of the games."""
+    monkeypatch.setattr(agents, "PLAYED", GAMES)
+    folder = copy_of(finished, tmp_path / "run")
+    evaluation = evaluate(TINY, finished.state.learner, games)
+    runs.write_evaluation(folder, TINY, evaluation, updates)
+    runs.publish(folder, tmp_path / "published")
+    assert not agents.is_published(tmp_path / "published", TINY)
+    agents.run_row(folder, tmp_path / "published", TINY, QUIET)
+    assert agents.is_published(tmp_path / "published", TINY)
+    assert compare.read(tmp_path / "published").games == compare.read(finished.folder).games
 
 
 @pytest.mark.slow
