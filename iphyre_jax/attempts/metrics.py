@@ -34,10 +34,13 @@ def solved_curve_of_independent(solved: npt.ArrayLike, played: int, k: int) -> F
         k: attempts.
 
     Raises:
-        ValueError: fewer plays than attempts; one line.
+        ValueError: fewer plays than attempts, or than solved ones; one line.
     """
     check_whole("played", played, check_whole("k", k))
-    failed = played - np.asarray(solved, np.float64)[:, None]
+    counts = np.asarray(solved, np.float64)
+    for count in counts[(counts < 0) | (counts > played)].tolist():
+        raise ValueError(f"solved: expected 0 to {played} plays, got {count:g}")
+    failed = played - counts[:, None]
     drawn = np.arange(k)  # attempt j + 1 fails, if j failed, with probability (failed - j) / (played - j)
     unsolved = np.cumprod(np.maximum(failed - drawn, 0) / (played - drawn), axis=1)
     return np.asarray(1 - unsolved, np.float64)

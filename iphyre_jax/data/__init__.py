@@ -4,6 +4,7 @@ from iphyre_jax.data.audit import known_plays, repeated_plays, shared_plays, ver
 from iphyre_jax.data.collection import collect
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset
 from iphyre_jax.data.named.sets import NAMED_SETS, named_set
+from iphyre_jax.data.official_files import drawn_times
 from iphyre_jax.data.recipe import PlanPolicy
 from iphyre_jax.data.sequences import tables
 
@@ -12,6 +13,7 @@ __all__ = [
     "Dataset",
     "PlanPolicy",
     "collect",
+    "drawn_times",
     "known_plays",
     "load_dataset",
     "named_set",

@@ -59,7 +59,8 @@ class Dataset:
         scenes: every scene of the manifest, in its order.
         game: (N,) int32, index into `scenes`.
         times: (N, S) float32, s; NaN is never. Column i is the i-th eliminable block; S is 6, or more if a scene's
-            limits are larger. An entry may lie after the end of its play.
+            limits are larger. An entry may lie after the end of its play. float32 rounds 0.1 s: to compute steps, take
+            `drawn_times`.
         steps: (N, S) int16, the step before which each block goes, -1 for never: what was played.
         success: (N,) bool.
         end_step: (N,) int16, physics steps made, the solving one included.

@@ -63,6 +63,14 @@ def check_state(state: object, worlds: Worlds) -> None:
         raise ValueError(f"state: expected one state, got states of shape {shape[:-1]}; jax.vmap plays a batch")
 
 
+def check_arrays(name: str, tree: object) -> None:
+    """Refuse a tree with leaves that are no numbers and no arrays, such as names; ValueError in one line."""
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        if not hasattr(leaf, "dtype") and not isinstance(leaf, bool | int | float | complex):
+            where = name + jax.tree_util.keystr(path)
+            raise ValueError(f"{where}: expected an array, got {show(leaf)}")
+
+
 def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> None:
     """Refuse what is no row of checked parameters, of a traced array only type and shape; ValueError in one line."""
     if isinstance(game, jax.Array | np.ndarray) and game.dtype.kind in "iu" and not game.shape:

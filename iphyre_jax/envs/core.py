@@ -61,7 +61,7 @@ class Environment:
         final_observation: whether `info` has the observation at the end of a decision, before any reset.
         limits: of its scenes: rows of an observation, slots of the strategy.
         backend: "host", a callback inside your program, at full speed on a CPU; "xla", a part of your program, for
-            accelerators and gradients.
+            accelerators and forward derivatives.
 
     Raises:
         ValueError: an attribute is not as said here; one line.
@@ -272,10 +272,11 @@ class Environment:
         return obs, out.state, self.reward(out.before, out.status), *self.ending(out.status), info
 
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
-        """Return the observation of a state; ValueError in one line if these are no state and parameters."""
+        """Return the observation of a state; ValueError in one line for a wrong argument, or if JAX lacks the dtype."""
         check_fork()
         check_state(state, self.worlds)
         check_params(params, self.worlds)
+        self.check_dtype()
         with as_interrupts():
             out: jax.Array = self._observe(state, params)
         return out
@@ -302,11 +303,12 @@ class Environment:
             `final_observation`, the observation of this state under that name.
 
         Raises:
-            ValueError: these are no state and parameters; one line.
+            ValueError: these are no state and parameters, or JAX lacks the physics' dtype; one line.
         """
         check_fork()
         check_state(state, self.worlds)
         check_params(params, self.worlds)
+        self.check_dtype()
         info = self._info(self.worlds.status(params, state))
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,12 +63,12 @@ class Box:
     def array(self, value: object, lanes: tuple[int, ...] = ()) -> jax.Array:
         """Return a value as an array of the space's shape, with lanes behind; it may lie outside the bounds.
 
-        Integers get the space's dtype, in which 15 x action cannot wrap round; float64 stays.
+        Integers and bfloat16 get the space's dtype, in which 15 x action cannot wrap round; float64 stays.
 
         Raises:
             ValueError: it has another shape or is not numeric; one line.
         """
-        array = jnp.asarray(_checked(value, (*self.shape, *lanes), "fiu", "numbers"))
+        array = jnp.asarray(_checked(value, (*self.shape, *lanes), (np.floating, np.integer), "numbers"))
         return array if array.dtype.kind == "f" else array.astype(self.dtype)
 
     def contains(self, value: npt.ArrayLike) -> bool:
@@ -112,7 +113,7 @@ class Discrete:
         Raises:
             ValueError: it has another shape or is not of integers; one line.
         """
-        array = _checked(value, lanes, "iu", "whole numbers")
+        array = _checked(value, lanes, (np.integer,), "whole numbers")
         if array.dtype.itemsize > np.dtype(np.int32).itemsize:  # narrowed, another number could become an action
             array = cut(array, -1, self.n)
         return jnp.asarray(array)
@@ -131,14 +132,26 @@ def cut(numbers: Any, least: int, most: int) -> Any:  # noqa: ANN401 - of NumPy 
     return numbers.clip(max(least, 0) if numbers.dtype.kind == "u" else least, most).astype(np.int32)
 
 
-def _checked(value: object, shape: tuple[int, ...], kinds: str, wanted: str) -> Any:  # noqa: ANN401 - of NumPy or JAX
+def _checked(value: object, shape: tuple[int, ...], kinds: Sequence[type[np.generic]], wanted: str) -> Any:  # noqa: ANN401
     """Return an action as an array of NumPy or JAX; inside `jax.jit` only its shape and dtype are checked."""
-    try:
-        array: Any = value if isinstance(value, jax.Array) else np.asarray(value)
-    except ValueError:
-        raise ValueError("action: expected an array, got rows of unequal length") from None
-    if array.dtype.kind not in kinds:
+    array: Any = value if isinstance(value, jax.Array) else _array(value)
+    is_duration = array.dtype.kind == "m"  # which NumPy counts as an integer
+    if is_duration or not any(jnp.issubdtype(array.dtype, kind) for kind in kinds):
         raise ValueError(f"action: expected {wanted}, got dtype {array.dtype}")
     if array.shape != shape:
         raise ValueError(f"action: expected shape {shape}, got {array.shape}")
     return array
+
+
+def _array(value: Any) -> Any:  # noqa: ANN401 - of NumPy or JAX
+    """Return an array; of traced numbers one of JAX."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise ValueError("action: expected an array, got rows of unequal length") from None
+    except jax.errors.TracerArrayConversionError:
+        pass
+    try:
+        return jnp.asarray(value)
+    except TypeError:
+        raise ValueError(f"action: expected an array, got a {type(value).__name__} of {len(value)}") from None

@@ -50,6 +50,9 @@ def test_independent_attempts_agree_with_runs() -> None:
 def test_more_attempts_than_plays_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^played: expected a whole number of at least 5, got 4$"):
         solved_curve_of_independent([1], 4, 5)
+    for solved in (-1, 11):
+        with pytest.raises(ValueError, match=rf"^solved: expected 0 to 10 plays, got {solved}$"):
+            solved_curve_of_independent([3, solved], 10, 5)
 
 
 def test_best_reward_never_falls() -> None:

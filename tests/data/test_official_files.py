@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from iphyre_jax.data import Dataset, tables, verify
+from iphyre_jax import plan_to_steps
+from iphyre_jax.data import Dataset, collect, drawn_times, tables, verify
 from iphyre_jax.data.labels import PlayProtocol
-from iphyre_jax.data.official_files import action_lists, drawn_times, load_official, save_official
+from iphyre_jax.data.official_files import action_lists, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines, write_player_lines
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.viewer.plays import Play
@@ -38,6 +40,12 @@ def test_action_lists_and_sequences_round_trip(tmp_path: Path) -> None:
     clicked = load_official(tmp_path, games=["hole"])
     assert sorted(clicked.end_step.tolist()) == sorted(small().of_game("hole").end_step.tolist())
     assert not verify(clicked)
+
+
+@pytest.mark.parametrize("distribution", ["official", "uniform15", "mixed"])
+def test_drawn_times_give_the_steps_that_were_played(distribution: Any) -> None:
+    one = collect(["support", "hole"], successes=20, failures=20, distribution=distribution)
+    np.testing.assert_array_equal(plan_to_steps(drawn_times(one), one.fps, one.manifest["rule"]), one.steps)
 
 
 def test_drawn_times_are_exact_again() -> None:

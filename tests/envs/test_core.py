@@ -238,6 +238,7 @@ ACTIONS: dict[str, tuple[str, Any, str]] = {
     "words": ("in-advance", ["a"] * 6, "expected numbers, got dtype <U1"),
     "complex": ("in-advance", np.zeros(6, complex), "expected numbers, got dtype complex128"),
     "object": ("in-advance", {"a": 1}, "expected numbers, got dtype object"),
+    "duration": ("in-advance", np.zeros(6, "timedelta64[s]"), "expected numbers, got dtype timedelta64[s]"),
 }
 
 
@@ -250,6 +251,16 @@ def test_bad_actions_get_one_line_before_jax_sees_them(case: str) -> None:
         env.step(jax.random.key(0), state, action, params)
     assert str(caught.value).startswith(f"action: {message}")
     assert "\n" not in str(caught.value)
+
+
+def test_actions_of_every_number_type_are_taken() -> None:
+    space = make("in-advance/support-v1")[0].action_space()
+    half = jnp.full(6, 0.5, jnp.bfloat16)
+    assert space.array(half).dtype == np.float32
+    assert (space.array(half) == 0.5).all()
+    assert jax.jit(lambda time: space.array([time] * 6))(0.5).tolist() == [0.5] * 6
+    with pytest.raises(ValueError, match=r"^action: expected an array, got a tuple of 2"):
+        jax.jit(lambda action: space.array((action, ())))(np.zeros(6))
 
 
 def test_another_environments_params_and_state_are_refused() -> None:

@@ -22,10 +22,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import check_instance, check_integers, check_whole, show
-from iphyre_jax.envs.arguments import check_batch, check_key, check_params, check_policy
+from iphyre_jax.envs.arguments import check_arrays, check_batch, check_key, check_params, check_policy
 from iphyre_jax.envs.core import NO_GAME, Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.spaces import MAX_AXIS
@@ -118,14 +119,24 @@ def unroll(
     """
     check_fork()
     check_instance("environment", environment, Environment, "an environment that make has returned")
-    check_instance("batch", batch, Batch, "a batch, as Batch.of returns it")
+    _check_own(batch, environment)
     check_policy(policy, ("weights", "a key", "an observation"))
+    check_arrays("weights", weights)
     check_key(key)
     check_batch("decisions", environment, batch.game.shape[0], check_whole("decisions", decisions, 1, MAX_AXIS))
     environment.check_dtype()
     with as_interrupts():
         out: tuple[Batch, Steps] = _unroll(environment, policy, weights, batch, key, decisions=decisions)
     return out
+
+
+def _check_own(batch: Batch, environment: Environment) -> None:
+    """Refuse what is no batch of an environment; ValueError in one line."""
+    check_instance("batch", batch, Batch, "a batch, as Batch.of returns it")
+    space, worlds = environment.observation_space(), environment.worlds
+    is_own = getattr(batch.state, "state_of", "") == worlds.state_of
+    if not is_own or (*batch.obs.shape[1:], batch.obs.dtype) != (*space.shape, np.dtype(space.dtype)):
+        raise ValueError("batch: expected one of this environment, got one of another")
 
 
 @partial(jax.jit, static_argnames=("environment", "policy", "decisions"))

@@ -102,6 +102,24 @@ def test_bad_batches_get_one_line(two: str) -> None:
     batch = Batch.of(env, params, [0])
     with pytest.raises(ValueError, match=r"^policy: expected a pair \(action, extras\), got"):
         unroll(env, lambda weights, key, obs: jnp.int32(0), (), batch, jax.random.key(0), decisions=1)
+    with pytest.raises(ValueError, match=r"^weights\['act'\]: expected an array, got 'relu'$"):
+        unroll(env, hasty, {"act": "relu"}, batch, jax.random.key(0), decisions=1)
     for decisions in (0, True, 1.5):
         with pytest.raises(ValueError, match=r"^decisions: expected a whole number"):
             unroll(env, hasty, (), batch, jax.random.key(0), decisions=decisions)
+
+
+def test_a_batch_of_another_environment_is_refused() -> None:
+    env, params = iphyre_jax.make("on-the-fly/support-v1")
+    batch = jax.eval_shape(lambda: env.reset(jax.random.key(0), params))
+    batch = Batch(
+        params, *(jax.tree.map(lambda leaf: jnp.zeros((2, *leaf.shape), leaf.dtype), one) for one in batch[::-1])
+    )
+    for other in (
+        iphyre_jax.make("on-the-fly/support-v1", observation="motion")[0],
+        iphyre_jax.make("combined/support-v1")[0],
+        iphyre_jax.make("on-the-fly/support-v1", protocol="smooth")[0],
+        iphyre_jax.make("on-the-fly/seesaw-v1")[0],
+    ):
+        with pytest.raises(ValueError, match=r"^batch: expected one of this environment, got one of another$"):
+            unroll(other, hasty, (), batch, jax.random.key(0), decisions=1)
