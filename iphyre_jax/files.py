@@ -187,6 +187,12 @@ def check_output(name: str, path: Path | None, suffixes: Sequence[str] = (".png"
         raise ValueError(f"{name}: expected a file in a folder that exists, got {show(str(path))}")
 
 
+def check_apart(name: str, path: Path | None, other: str, file: Path | None) -> None:
+    """Refuse a file to write that is the one of another argument; None is fine. ValueError in one line."""
+    if path is not None and file is not None and path.resolve() == file.resolve():
+        raise ValueError(f"{name}: expected another file than {other}, got {show(str(path))}")
+
+
 @contextmanager
 def replacing(target: Path) -> Iterator[Path]:
     """Give a name beside `target` to write to; what stands there at the end takes the target's place in one move.

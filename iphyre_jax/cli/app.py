@@ -30,6 +30,7 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
+from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.storage import pretrained
 
 NARROWEST = 20  # columns of a help text
@@ -146,14 +147,14 @@ def _games(command: Games, console: Console) -> None:
     chosen = list(SPLITS) if command.split is None else [check_option("split", command.split, list(SPLITS))]
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("game", "split", "objects", "balls"):
-        table.add_column(title, no_wrap=True)
+        table.add_column(title)
     table.add_column("eliminable blocks: end points, px")
     for split in chosen:
         for name in SPLITS[split]:
             scene = load_scene(name)
             ends = (f"{block}: {_end_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
             table.add_row(name, split, str(scene.n_objects), str(scene.n_balls), "\n".join(ends))
-    console.print(table)
+    print_table(console, table)
 
 
 def _end_points(block: np.ndarray) -> str:

@@ -20,11 +20,12 @@ from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import resumable
-from iphyre_jax.files import locked, replace_json, replace_text
+from iphyre_jax.files import check_apart, locked, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 
 ROWS_SCHEMA = "iphyre_jax/ask-rows"
+TRANSCRIPT, ROWS = "transcript.jsonl", "rows.json"  # of a run folder
 FAILED = 1  # exit code of a run that a failed call ended; it can go on
 
 
@@ -93,6 +94,8 @@ def run(command: Ask, console: Console) -> int:
     if command.replay is not None:
         of_model = ("max_questions", "max_tokens_in_all", "out", "record")
         refuse_unread(command, {entry.name for entry in fields(command)} - {*of_model}, "with --replay")
+    for file in (*(command.replay or ()), command.record, command.out / TRANSCRIPT, command.out / ROWS):
+        check_apart("document", command.document, "the transcript and its rows", file)
     settings = command.settings()
     answered = _live if command.replay is None else _replay
     try:
@@ -126,12 +129,12 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
     runs.check_folder(command.out, settings, model)
     with ExitStack() as stack:
         stack.enter_context(locked(command.out))
-        file = command.record or command.out / "transcript.jsonl"
+        file = command.record or command.out / TRANSCRIPT
         file.parent.mkdir(parents=True, exist_ok=True)
         answers = Live(endpoint.complete, file, model, settings, caps, lambda line: say(console, line))
         rows = runs.rows_of(settings, runs.run(settings, answers))
         content = {"schema": ROWS_SCHEMA, "version": 1, "settings": settings.to_json(), "model": model, "rows": rows}
-        replace_json(command.out / "rows.json", {**content, "origin": provenance()})
+        replace_json(command.out / ROWS, {**content, "origin": provenance()})
     models, calls = [f"{endpoint.kind}: {endpoint.model}"], [parameters(settings.call)]
     _print(command, settings, rows, models, calls, console, handwritten=False)
 

@@ -19,7 +19,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
-from iphyre_jax.data.dataset import check_path
+from iphyre_jax.data.dataset import SCHEMA, check_target
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
@@ -34,7 +34,7 @@ from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import pretrained, runs
-from iphyre_jax.viewer.plays import iter_plays
+from iphyre_jax.viewer.plays import holds_plays, iter_plays
 
 PLANS_AT_ONCE = 256  # of a policy
 WORLD_FPS: Final = 60  # of people and of the official data
@@ -146,7 +146,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
-        check_path(command.out, "out")
+        check_target(command.out, SCHEMA, "out")
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.minari is not None:
@@ -241,7 +241,7 @@ def _read(source: Path) -> Dataset:
     """Return the plays of a file."""
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
-    if source.suffix == ".jsonl":
+    if source.suffix == ".jsonl" or (source.is_file() and holds_plays(source)):
         return dataset_from_plays(iter_plays(source, required=True))
     return dataset_from_plays([line.play for line in read_player_lines(source)])
 

@@ -13,9 +13,10 @@ from rich.console import Console
 
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
-from iphyre_jax.data.dataset import check_path
+from iphyre_jax.data.dataset import check_target
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
+from iphyre_jax.data.generated.pool import SCHEMA
 from iphyre_jax.files import check_output, check_writable
 
 PICTURES = 40  # of a sheet
@@ -68,7 +69,7 @@ def _run(command: Generate, console: Console, report: Callable[[str], None]) -> 
 
 def _make(command: Generate, out: Path | None, report: Callable[[str], None]) -> GeneratedScenes:
     """Generate and write the scenes."""
-    npz, _ = check_path(out or Path(), "out")
+    npz, _ = check_target(out or Path(), SCHEMA, "out")
     check_writable(npz.parent, "out")
     journal = npz.with_suffix(".parts")
     return generate_scenes(

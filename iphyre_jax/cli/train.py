@@ -22,13 +22,14 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
-from iphyre_jax.files import check_output, check_writable
+from iphyre_jax.files import check_apart, check_output, check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.reports import compare
+from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.run import TrainConfig, preset
@@ -163,6 +164,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
         return 0
     for name in ("curves", "bars"):
         check_output(name, getattr(command, name), (".png", ".pdf", ".svg"))
+    check_apart("bars", command.bars, "curves", command.curves)
     compare.report(command.runs, console, curves=command.curves, bars=command.bars)
     return 0
 
@@ -233,14 +235,14 @@ def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], 
     columns = ("solved@1 %", f"solved@{count} %", f"AUCCESS@{count} %", f"best of {count}")
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("", *columns):
-        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+        table.add_column(title, justify="right" if title else "left")
     for split in (*COLUMNS, *(["unseen_basic"] if SPLITS["unseen_basic"][0] in tried.games else [])):
         names = GAMES if split == "all" else SPLITS[split]
         rows = [tried.games.index(name) for name in names]
         shares = (curve[rows, 0], curve[rows, -1], auccess(curve[rows]))
         table.add_row(TITLES[split], *(f"{100 * share.mean():.1f}" for share in shares), f"{best[rows, -1].mean():.1f}")
     say(console, f"Attempts at {config.fps} fps, greedy first, then sampled; mean of {ATTEMPT_RUNS} runs")
-    console.print(table)
+    print_table(console, table)
 
 
 def verify_pretrained(name: str, console: Console) -> int:
@@ -262,10 +264,10 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
     table = Table(box=box.SIMPLE, pad_edge=False)
     table.add_column()
     for split in COLUMNS:
-        table.add_column(TITLES[split], justify="right", no_wrap=True)
+        table.add_column(TITLES[split], justify="right")
     for row in split_rows(evaluation, config):
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
-    console.print(table)
+    print_table(console, table)
     say(console, compare.RATES_OF_PAPER)
     if "unseen_basic" in evaluation.splits:
         for kind in ("greedy", "sampled"):

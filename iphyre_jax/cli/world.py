@@ -16,7 +16,7 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.cli.viewer.render import Plan
-from iphyre_jax.files import check_output, replace_text
+from iphyre_jax.files import check_apart, check_output, replace_text
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.models.world import compare, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination
@@ -158,6 +158,7 @@ def _film(action: Film, console: Console) -> None:
     scene = load_scene(action.scene)
     check_output("out", action.out, (".html", ".png", ".gif", ".mp4"))
     check_output("errors", action.errors)
+    check_apart("errors", action.errors, "out", action.out)
     found = roll_out_plan(storage.named_model(action.model), scene, parse_plan(action.plan, scene)[0])
     model = Path(action.model).name
     plays = {"simulator": found.real, model: found.imagined}

@@ -16,6 +16,7 @@ import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
@@ -35,6 +36,7 @@ from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict,
 SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
 MAX_MANIFEST: Final = 200_000_000  # bytes; ten thousand scenes take some 10 MB
+_HEAD: Final = 200  # bytes of NAME.json that hold its schema
 HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
 MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
@@ -133,10 +135,11 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
         path: of NAME.npz or NAME.json.
 
     Raises:
-        ValueError: the path has another ending, or an array another type or shape; one line.
+        ValueError: the path has another ending, NAME.json is there and is something else, or an array has another type
+            or shape; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = check_path(path)
+    npz, manifest = check_target(path, SCHEMA)
     arrays = dataset.arrays()
     _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
     content = pack_npz(arrays)
@@ -181,6 +184,22 @@ def check_path(path: str | os.PathLike[str], name: str = "path") -> tuple[Path, 
         got = show(str(path) if isinstance(path, os.PathLike) else path)
         raise ValueError(f"{name}: expected the path of a data set, NAME.npz, got {got}")
     return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
+
+
+def check_target(path: str | os.PathLike[str], schema: str, name: str = "path") -> tuple[Path, Path]:
+    """Return the files NAME.npz and NAME.json to write, whose manifest has a schema.
+
+    Raises:
+        ValueError: another path, or NAME.json is there and is something else, such as a scene; one line.
+        OSError: NAME.json cannot be read.
+    """
+    npz, manifest = check_path(path, name)
+    if manifest.exists():
+        with manifest.open("rb") as file:
+            head = file.read(_HEAD)
+        if not re.match(rb'\{\s*"schema": "' + re.escape(schema.encode()) + b'"', head):
+            raise ValueError(f"{name}: {one_line(str(manifest))} is there and is no {schema}; expected another name")
+    return npz, manifest
 
 
 def _describe(array: npt.NDArray[Any]) -> dict[str, Any]:

@@ -113,6 +113,10 @@ def _looks_like_path(text: str) -> bool:
 
 
 def _unknown_game(name: str) -> str:
+    return f"scene: expected the name of a game or the path of a scene file, got {show(name)} ({hint(name)})"
+
+
+def hint(name: str) -> str:
+    """Return a hint for who has misspelled the name of a game."""
     close = get_close_matches(name[:100], _ALL_GAMES, n=3)
-    hint = f"did you mean {' or '.join(close)}?" if close else "iphyre_jax.GAMES lists them"
-    return f"scene: expected the name of a game or the path of a scene file, got {show(name)} ({hint})"
+    return f"did you mean {' or '.join(close)}?" if close else "iphyre_jax.GAMES lists them"

@@ -49,11 +49,13 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         console: for the folder's name and the progress bar.
 
     Raises:
-        ValueError: one line; the folder is not empty, or the scene pool is not what it should be.
+        ValueError: one line; the folder is not empty, the scene pool is not what it should be, or an extra is missing.
         OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
     config.check_start()
     config = with_prediction_sum(with_sum(config))
+    if config.tensorboard:
+        logs.import_tensorboard()
     runs.make_folder(folder)
     with locked(folder):
         runs.create(folder, config)

@@ -118,15 +118,19 @@ def open_plays(path: Path) -> None:
         return
     if not path.is_file():
         raise ValueError(f"{name}: expected a file of plays, got something that is no file")
-    is_empty = True
-    for _, content in line_files.read_lines(path, MAX_LINE):
-        if content is not None and (_BEGIN.startswith(content) or content.startswith(_BEGIN) or _is_play(content)):
-            break
-        is_empty &= content is not None and not content.strip()
-    else:
-        if not is_empty:
-            raise ValueError(f"{name}: expected a file of plays, got something else; attempts are not added to it")
+    lines = (content for _, content in line_files.read_lines(path, MAX_LINE))
+    if not holds_plays(path) and any(content is None or content.strip() for content in lines):
+        raise ValueError(f"{name}: expected a file of plays, got something else; attempts are not added to it")
     line_files.mend_file(path, _BEGIN, _is_object, MAX_LINE)
+
+
+def holds_plays(path: Path) -> bool:
+    """Return whether a line of a file is meant as a play, right, wrong or torn; OSError if it cannot be read."""
+    lines = (content for _, content in line_files.read_lines(path, MAX_LINE))
+    return any(
+        content is not None and (_BEGIN.startswith(content) or content.startswith(_BEGIN) or _is_play(content))
+        for content in lines
+    )
 
 
 def read_plays(path: str | os.PathLike[str]) -> list[Play]:

@@ -67,7 +67,7 @@ def test_the_hand_written_replies_make_a_table(capsys: pytest.CaptureFixture[str
     [
         (["--replay", "missing.jsonl"], "missing.jsonl"),
         (["--replay", "a", "b"], "replay: expected one file, got 2"),
-        (["nowhere", "--replay"], "games: expected one of"),
+        (["nowhere", "--replay"], "games: expected games of the package, got 'nowhere' (iphyre_jax.GAMES lists them)"),
         (["support", "--replay", "--fps", "30"], "fps: expected one of 60, 10"),
         (["support", "--replay", "--prompt", "physics"], "replay: support, sample 0, attempt 1, question 1: expected"),
         (["support", "--replay", "--attempts", "0"], "attempts: expected a whole number"),
@@ -141,3 +141,21 @@ def test_a_live_run_is_recorded_goes_on_and_keeps_the_key_to_itself(
     written = [file.read_text("utf-8") for file in (tmp_path / "run").iterdir()]
     assert len(written) == 3
     assert KEY not in "".join([first, out, again, *written])
+
+
+def test_a_document_never_replaces_a_transcript(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    transcript = tmp_path / "transcript.jsonl"
+    transcript.write_bytes(ask.transcripts.handwritten_file().read_bytes())
+    before = transcript.read_bytes()
+    configure(monkeypatch)
+    for options in (
+        ["--replay", str(transcript)],
+        ["--record", str(transcript)],
+        ["--out", str(tmp_path)],
+    ):
+        assert run(["ask", "support", *options, "--document", str(tmp_path / "." / "transcript.jsonl")]) == 2
+        message = capsys.readouterr().err
+        assert message.startswith("iphyre-jax: document: expected another file than the transcript and its rows, got")
+        assert transcript.read_bytes() == before

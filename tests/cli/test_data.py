@@ -1,5 +1,6 @@
 """`iphyre-jax collect`: makes, verifies and converts data sets; one line for every mistake."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,9 @@ import pytest
 
 from iphyre_jax.cli.main import run
 from iphyre_jax.data import load_dataset, save_dataset
+from iphyre_jax.scenes import load_scene, scene_to_dict
+from iphyre_jax.viewer.plays import append_play, play_to_json
+from iphyre_jax.viewer.recording import record
 
 SMALL = ["collect", "hole", "--successes", "3", "--failures", "4"]
 
@@ -76,3 +80,25 @@ def test_mistakes_are_one_line(
     assert message in printed
     assert printed.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", [SMALL, ["generate", "--count", "1"]])
+def test_a_scene_is_never_replaced_by_a_manifest(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "shelves.json"
+    scene.write_text(json.dumps(scene_to_dict(load_scene("hole"))))
+    before = scene.read_bytes()
+    assert run([*command, "--out", str(tmp_path / "shelves.npz")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"iphyre-jax: out: {scene} is there and is no iphyre_jax/")
+    assert message.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["shelves.json"]
+    assert scene.read_bytes() == before
+
+
+def test_plays_are_known_by_what_they_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plays = tmp_path / "plays.txt"
+    append_play(plays, play_to_json(record(load_scene("hole"), [60, 60, 60, 60]), "somebody", {}))
+    assert run(["collect", "--source", str(plays), "--out", str(tmp_path / "plays.npz")]) == 0
+    assert "1 plays of 1 scenes" in capsys.readouterr().out

@@ -21,6 +21,7 @@ from iphyre_jax.cli.console import option, say, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.scenes import Scene, load_scene, read_scene
 from iphyre_jax.scenes.limits import MAX_NAME
+from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.viewer.figures import figures_of, split_of
 from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
@@ -124,13 +125,13 @@ def score(command: Score, console: Console) -> None:
             say(console, f"{entry.agent}, {entry.scene.name}: the file says {difference}")
     for (fps, dtype, resets, agent), games in sorted(groups.items(), key=lambda group: group[0]):
         say(console, f"{agent} at {fps} steps a second, {dtype}, reset {resets}")
-        console.print(_score_table(games, fps))
+        print_table(console, _score_table(games, fps))
 
 
 def _score_table(games: dict[Scene, list[float]], fps: int) -> Table:
     """Return a table of one agent's attempts at one frame rate, a row for each game."""
     table = Table(box=box.SIMPLE, pad_edge=False)
-    table.add_column("game", no_wrap=True)
+    table.add_column("game")
     for title in ("attempts", "solved", f"best of first {ATTEMPTS}", "people (paper)"):
         table.add_column(title, justify="right")
     best = []

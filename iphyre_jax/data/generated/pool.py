@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import check_option, show
-from iphyre_jax.data.dataset import check_path
+from iphyre_jax.data.dataset import check_path, check_target
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
@@ -165,10 +165,10 @@ def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> Non
     """Write generated scenes as NAME.npz and NAME.json; each file is whole at any moment.
 
     Raises:
-        ValueError: the path has another ending; one line.
+        ValueError: the path has another ending, or NAME.json is there and is something else; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = check_path(path)
+    npz, manifest = check_target(path, SCHEMA)
     content = pack_npz(scenes.columns)
     replace_bytes(npz, content)
     replace_json(manifest, {**scenes.manifest, "sha256": hashlib.sha256(content).hexdigest()})

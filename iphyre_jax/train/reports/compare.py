@@ -18,6 +18,7 @@ from iphyre_jax.files import read_versioned
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
+from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, paper_numbers
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
@@ -200,10 +201,10 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
     for kind in KINDS:
         shown = Table(title=f"{kind.capitalize()} actions, {agents[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
         for title in HEADER:
-            shown.add_column(title, min_width=5 if title == "seeds" else 9)
+            shown.add_column(title)
         for cells in table(agents, kind):
             shown.add_row(*cells)
-        console.print(shown)
+        print_table(console, shown)
     console.print("Mean over seeds and share solved, [95 % t interval], interquartile mean.")
     console.print(RATES_OF_PAPER)
     if curves is not None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
+from iphyre_jax.scenes.library import hint
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS, DQN, OffPolicy, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
@@ -114,7 +115,9 @@ def _check_games(config: TrainConfig) -> None:
     known = {game for games in SPLITS.values() for game in games}
     for game in set(config.games) - known:
         if not Path(game).is_file():
-            raise ValueError(f"games: expected names of games of the package or scene files, got {show(game)}")
+            raise ValueError(
+                f"games: expected names of games of the package or scene files, got {show(game)} ({hint(game)})"
+            )
         if load_scene(game).limits != OFFICIAL:
             raise ValueError(
                 f"games: expected scenes without limits of their own, for the networks' sizes, got {game!r}"

@@ -40,6 +40,7 @@ VALUES: Final[Mapping[str, Mapping[str, str]]] = MappingProxyType(
         "network": {"perceptron": "mlp"},
     }
 )
+_QUICK: Final = MappingProxyType({"agent": "ppo", "strategy": "in-advance", "preset": "default"})
 # Parts of the path to an array of the state, "learner.learned.buffer.kept.choice".
 STATE: Final = MappingProxyType(
     {
@@ -61,7 +62,10 @@ STATE: Final = MappingProxyType(
 
 def settings(values: Mapping[str, Any]) -> dict[str, Any]:
     """Settings with present names and values, those of the learner too."""
-    return {SETTINGS.get(name, name): _value(name, value) for name, value in values.items()}
+    found = {SETTINGS.get(name, name): _value(name, value) for name, value in values.items()}
+    if tuple(map(found.get, _QUICK)) == tuple(_QUICK.values()):  # "quick" was called "default"
+        found["preset"] = "quick"
+    return found
 
 
 def _value(name: str, value: Any) -> Any:  # noqa: ANN401 - any JSON value

@@ -129,16 +129,20 @@ class Log:
             self._summary_writer.close()
 
 
+def import_tensorboard() -> Any:  # noqa: ANN401 - tensorboardX has no types
+    """The package that writes TensorBoard files; ValueError in one line if the extra is missing."""
+    try:
+        return importlib.import_module("tensorboardX")
+    except ModuleNotFoundError:
+        raise ValueError(
+            "tensorboard: expected the extra 'tensorboard': pip install 'iphyre-jax[tensorboard]'"
+        ) from None
+
+
 def _summary_writer(folder: Path, update: int) -> Any:  # noqa: ANN401 - tensorboardX has no types
     """A writer of TensorBoard files that replaces what came after so many updates.
 
     Raises:
         ValueError: one line; the extra is missing.
     """
-    try:
-        tensorboard = importlib.import_module("tensorboardX")
-    except ModuleNotFoundError:
-        raise ValueError(
-            "tensorboard: expected the extra 'tensorboard': pip install 'iphyre-jax[tensorboard]'"
-        ) from None
-    return tensorboard.SummaryWriter(str(folder), purge_step=update + 1)
+    return import_tensorboard().SummaryWriter(str(folder), purge_step=update + 1)

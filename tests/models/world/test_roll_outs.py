@@ -49,6 +49,12 @@ def test_the_model_is_nearer_than_the_bounds(found: roll_outs.RollOut) -> None:
     np.testing.assert_array_equal(found.imagined.poses[:, :ball, 2], 0)  # bars rest
 
 
+def test_the_film_and_the_picture_of_errors_are_two_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    same = str(tmp_path / "same.png")
+    assert cli.run(["world", "film", "hole", "--plan", "1", "1", "1", "1", "-o", same, "--errors", same]) == 2
+    assert capsys.readouterr().err.startswith("iphyre-jax: errors: expected another file than out, got")
+
+
 @pytest.mark.slow
 def test_a_page_and_a_picture_of_the_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, errors = tmp_path / "hole.html", tmp_path / "errors.png"

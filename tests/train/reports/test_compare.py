@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.table import Table
 
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.reports import compare
+from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.settings.run import TrainConfig, preset
 
 
@@ -55,3 +59,16 @@ def test_rates_never_share_a_table() -> None:
     config = preset("ppo", "combined")
     with pytest.raises(ValueError, match=r"expected one frame rate, got 10, 60"):
         compare.rows([run(config, 0, 1.0), run(dataclasses.replace(config, fps=60), 0, 1.0)])
+
+
+@pytest.mark.parametrize(("width", "terminal"), [(80, False), (0, False), (20, True), (60, True)])
+def test_a_table_keeps_all_columns_at_any_width(width: int, terminal: bool) -> None:
+    table = Table("game", "eliminable blocks", "balls")
+    table.add_row("multi_ball_spring_flick", "0: (100, 200) (300, 200)", "2")
+    console = Console(file=io.StringIO(), width=width, force_terminal=terminal, color_system=None)
+    print_table(console, table)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    for word in ("multi_ball_spring_flick", "eliminable", "balls", "(300,"):
+        assert word in text
+    assert terminal or "multi_ball_spring_flick │ 0: (100, 200) (300, 200) │ 2" in text
+    assert console.width == width

@@ -18,7 +18,10 @@ DDPG_I: dict[str, Any] = {"agent": "ddpg", "head": "deterministic"}
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "split": ({"split": "advanced"}, "split: expected one of basic"),
-    "games": ({"games": ("hole", "hol")}, "games: expected names of games of the package or scene files, got 'hol'"),
+    "games": (
+        {"games": ("hole", "hol")},
+        "games: expected names of games of the package or scene files, got 'hol' .did you mean hole",
+    ),
     "fps": ({"fps": 25}, "fps: expected a multiple of 10"),
     "no fps": ({"fps": 0}, "fps: expected a positive whole number"),
     "dtype": ({"dtype": "bfloat16"}, "dtype: expected one of float32, float64"),

@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from iphyre_jax.train import loop
 from iphyre_jax.train.reports.statistics import summary
+from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs
 
 COLUMNS = ("update", "reward", "greedy_reward")
@@ -64,6 +67,9 @@ def test_a_missing_tensorboard_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "tensorboardX", None)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"^tensorboard: expected the extra 'tensorboard': pip install"):
         logs.Log(tmp_path, COLUMNS, 0, tensorboard=True)
+    with pytest.raises(ValueError, match=r"^tensorboard: expected the extra"):
+        loop.train(TrainConfig(tensorboard=True), tmp_path / "run", Console(quiet=True))
+    assert not (tmp_path / "run").exists()  # so that the same command goes on without the option
 
 
 def test_summary_by_hand() -> None:

@@ -102,8 +102,7 @@ def test_every_agent_ships_and_was_trained_as_its_row_of_the_results() -> None:
     assert agents <= set(names()) <= set(rows())
     for name in names():
         policy = load_pretrained(name)
-        row = dataclasses.replace(rows()[name], preset=policy.config.preset)  # "quick" was once called "default"
-        assert dataclasses.replace(policy.config, seed=0, pool_sha256="") == row
+        assert dataclasses.replace(policy.config, seed=0, pool_sha256="") == rows()[name]
         assert name.startswith(policy.config.paper_name.lower())
         assert set(policy.scores["splits"]) == {"basic", "noisy", "compositional", "multi_ball", "unseen_basic", "all"}
 
