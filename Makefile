@@ -81,7 +81,7 @@ $(CLIENTS_VENV)-%/.stamp: tests/clients/%.txt
 FAULTS := attempts kill damage disk_full read_only hostile_files arguments extreme_scenes many_scenes
 FAULT_SCRIPT := PYTHONPATH=. $(PY) tests/robustness
 
-test-faults: .venv/.stamp ## every fault script in turn, then docs/results/faults.md; the better part of an hour
+test-faults: .venv/.stamp ## the scripts of FAULTS in turn, then docs/results/faults.md; up to an hour and a half
 	bad=0; for script in $(FAULTS); do $(FAULT_SCRIPT)/$$script.py || bad=1; done; $(FAULT_SCRIPT)/report.py; exit $$bad
 
 SOAK_MINUTES ?= 60
@@ -92,7 +92,7 @@ soak: .venv/.stamp ## an hour of every public call with ever new scenes: memory,
 test-server: .venv/.stamp ## an hour of attacks on the play server, with a player who notices nothing
 	$(FAULT_SCRIPT)/server.py && $(FAULT_SCRIPT)/report.py
 
-test-kill: .venv/.stamp ## 40 kills of training runs, 20 of them while saving, each resumed to the same bits
+test-kill: .venv/.stamp ## 40 kills of training runs, at least 20 of them while saving, each resumed to the same bits
 	$(FAULT_SCRIPT)/kill.py
 
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
@@ -181,7 +181,7 @@ test-oracle: .venv/.stamp ## play every plan of the shipped oracle again, in flo
 results-offline: .venv/.stamp ## train every outcome classifier and write docs/results/outcome.md; goes on where it stopped
 	.venv/bin/iphyre-jax classifier compare --weights iphyre_jax/models/outcome/weights
 
-carry-over: .venv/.stamp ## train the default agent and what differs from it in one thing, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
+carry-over: .venv/.stamp ## train the default agent and variants of it, at 10 and 60 steps a second; writes docs/results/carry-over.md; goes on where it stopped
 	$(PY) -m benchmarks.learning.carry_over --weights iphyre_jax/models/outcome/weights
 
 results-sequence: .venv/.stamp ## train every sequence model and write docs/results/sequence.md; goes on where it stopped

@@ -77,12 +77,12 @@ def figures(performance: str, parity: str, results: str, carry_over: str) -> Ite
     )
     first, five, people = ranked(carry_over)
     yield (
-        "all forty, five policies ranked by a classifier (`refined`), 60 steps a second",
+        "all forty, a classifier chooses among plans of a policy (`refined`), 60 steps a second",
         f"{first}, best of five {five}; people {people}",
     )
     seconds = cells(results, quick, "### Time")[2]
-    scores = "; ".join(reward(results, quick, split) for split in ("basic", "all"))
-    yield f"`--preset quick`, the ten basic games after {seconds} s of training; all forty", scores
+    few, many = (reward(results, quick, split) for split in ("basic", "all"))
+    yield f"`--preset quick`, {seconds} s of training", f"{few} on the ten basic games, {many} on all forty"
 
 
 def with_figures(readme: str, folder: Path) -> str:

@@ -45,8 +45,8 @@ ABOUT: Final = {
     "from them",
     "refined-default": "that classifier, and policies with the settings of `default`, trained anew; at 10 steps a "
     "second",
-    "confident": "`refined`, but the greedy plan's score gains 0.8 times its probability: a policy that is sure of "
-    "its plan keeps it",
+    "confident": "`refined`, but 0.8 times the policy's probability of the greedy plan is added to that plan's score: "
+    "a policy that is sure of its plan keeps it",
     "refined-again": "`confident`, and a third refinement of the classifier, whose scenes are 1,000 variations of "
     "each basic game too; at 10 steps a second",
     "pairs": "`refined-again`, but two policies of `large-batch` as one, as in `ensemble`; its seeds share no policy",
@@ -146,7 +146,8 @@ def document(
         count = runs_in(counter)
         parts += [
             "## All forty games",
-            f"This command has played them {count} time{'s' if count != 1 else ''}, each row once. First try: the "
+            f"This command has played them {count} time{'s' if count != 1 else ''}, each row once; "
+            "`ppo-i-objects-ranked` was played again with each new classifier. First try: the "
             "greedy plan (with a classifier: the first in its order). Then samples at temperature 3 (with a "
             "classifier: the next in its order) that differ from all earlier tries, in a block or in a time by over "
             "0.2 s and over 10 %; five runs of ten tries. People: the paper's, best of five. Best known: the search "

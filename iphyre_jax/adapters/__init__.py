@@ -1,4 +1,4 @@
-"""The environments with the interfaces of other libraries; each adapter needs its library, an optional extra."""
+"""The environments with the interfaces of other libraries; most need their library, an optional extra."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING

@@ -75,7 +75,9 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     ) -> None:
         check_whole("num_envs", num_envs, 1, MAX_WORLDS)
         check_render_mode(render_mode)
-        refuse_options(options, ("autoreset",), "; say autoreset_mode, one of gymnasium.vector.AutoresetMode")
+        refuse_options(
+            options, ("autoreset", "final_observation"), "; say autoreset_mode, one of gymnasium.vector.AutoresetMode"
+        )
         chosen = getattr(autoreset_mode, "value", autoreset_mode)
         self._mode = _MODES[check_option("autoreset_mode", chosen, tuple(_MODES))]
         same_step = self._mode == AutoresetMode.SAME_STEP

@@ -160,7 +160,8 @@ def _difficulty(rows: Mapping[str, Row] | None) -> list[Claim]:
         Claim(texts[0], f"Spearman of iterations and people's scores: {found}", _holds(found.high < 0)),
         Claim(
             texts[1],
-            "geometric mean of iterations: " + ", ".join(f"{split} {value:.0f}" for split, value in splits.items()),
+            "geometric mean of iterations, seed 0: "
+            + ", ".join(f"{split} {value:.0f}" for split, value in splits.items()),
             _holds(max(splits, key=lambda split: splits[split]) == "compositional"),
         ),
         Claim(

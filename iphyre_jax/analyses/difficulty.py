@@ -128,7 +128,7 @@ def _split_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
         agents = spearman([iterations(seeds[0][game]) for game in games], [solvers(game) for game in games])
         cells.append([TITLES[split], f"{np.exp(np.mean(logs)):.0f}", str(people), f"{agents:.2f}"])
     people_title = f"Spearman with people, seed {next(iter(whole))}"
-    header = ["split", "iterations, geometric mean", people_title, "with agents that solve it"]
+    header = ["split", f"iterations, geometric mean of {len(seeds)} seeds", people_title, "with agents that solve it"]
     return markdown_table(header, cells)
 
 

@@ -76,8 +76,8 @@ def document(oracles: Mapping[int, Mapping[str, Row]], policies: Sequence[Policy
     parts = [
         "# Slack",
         "Written by `iphyre-jax analyse slack`. Smallest width, over the removals of the best plan, of the interval in "
-        "which that removal may fall: how exact the timing must be. Policies: shipped ones (one seed each), share of "
-        "20 sampled episodes solved, mean over the games of each third.",
+        "which that removal may fall: how exact the timing must be. Policies: shipped ones (each the best of "
+        "five seeds), share of 20 sampled episodes solved, mean over the games of each third.",
     ]
     for fps, rows in oracles.items():
         least = {game: width for game, row in rows.items() if (width := least_slack(row)) is not None}

@@ -78,7 +78,7 @@ def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
         scene = _package_game(scene)
     if isinstance(scene, Scene):
         return scene if limits in (None, scene.limits) else replace(scene, limits=limits)
-    if isinstance(scene, str) and not _looks_like_path(scene):
+    if isinstance(scene, str) and not looks_like_path(scene):
         raise ValueError(_unknown_game(scene))
     if isinstance(scene, str) or (isinstance(scene, os.PathLike) and isinstance(os.fspath(scene), str)):
         return read_scene(scene, limits)
@@ -103,7 +103,8 @@ def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ..
     return tuple(load_scene(scene, common) for scene in loaded)
 
 
-def _looks_like_path(text: str) -> bool:
+def looks_like_path(text: str) -> bool:
+    """Return whether a text that may be the name of a game is meant as the path of a file."""
     if text.endswith(".json") or "/" in text or os.sep in text:
         return True
     try:

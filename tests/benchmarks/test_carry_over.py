@@ -185,7 +185,7 @@ def test_the_document_of_two_seeds(tmp_path: Path) -> None:
     counter.write_text('{"runs": 1}')
     rows = {"both-0": forty([600.0, *[900.0] * 9]), "both-1": forty([800.0, *[1000.0] * 9])}
     text = document({10: {}, 60: found}, {10: {}, 60: rows}, [], counter, {})
-    assert "This command has played them 1 time, each row once." in text
+    assert "This command has played them 1 time, each row once; `ppo-i-objects-ranked` was played again" in text
     assert f"| both | 2 {'| 700.0 [-571, 1971] ' * 5}| 0.0 [0, 0] |" in text
     assert f"| both | 700.0 [-571, 1971] {'| 950.0 [315, 1585] ' * 3}| 100.0 [100, 100] |" in text
     assert "| people | - | - | 844" in text

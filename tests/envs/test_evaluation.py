@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -13,6 +15,7 @@ import iphyre_jax
 from iphyre_jax import SPLITS, evaluate, make
 from iphyre_jax.adapters import FiveValues
 from iphyre_jax.envs.in_advance import play_plans
+from iphyre_jax.scenes import load_scene, scene_to_dict
 
 
 def nothing(key: jax.Array, obs: jax.Array) -> jax.Array:
@@ -53,6 +56,13 @@ def test_a_policy_keeps_its_users_number_types() -> None:
     with jax.enable_x64(True):
         evaluate(policy, ["support"], strategy="in-advance", episodes=1)
     assert set(seen) == {np.dtype("float64")}
+
+
+def test_any_game_and_any_file_can_be_evaluated(tmp_path: Path) -> None:
+    path = tmp_path / "mine"  # the name of a file needs no ending
+    path.write_text(json.dumps(scene_to_dict(load_scene("unseen_hole"))))
+    for split in ("unseen_hole", str(path), path):
+        assert evaluate(nothing, split, strategy="in-advance").reward.shape == (1, 1)
 
 
 def test_bad_evaluations_get_one_line() -> None:

@@ -48,7 +48,7 @@ class Pretrained:
     """A trained policy.
 
     Attributes:
-        name: of the policy, as in docs/results/results.md: "ppo-i".
+        name: of the policy, as `names` lists it: "ppo-i".
         config: settings of its training; strategy, observation and rate decide where it can play.
         state: of its algorithm, for inference only.
         scores: "splits" and "games" of its evaluation, as in evaluation.json.
