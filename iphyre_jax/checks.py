@@ -183,6 +183,27 @@ def check_which(
     return index
 
 
+def check_rows(rows: Any, count: int) -> npt.NDArray[Any]:  # noqa: ANN401
+    """Return indices or a mask of `count` rows as an array; ValueError in one line for anything else."""
+    index = np.asarray(rows)
+    if index.ndim == 1 and not index.size:
+        index = index.astype(np.intp)  # an empty list has no type
+    is_mask = index.dtype == bool
+    if index.ndim != 1 or index.dtype.kind not in "iub" or (is_mask and len(index) != count):
+        raise ValueError(f"rows: expected indices or a mask of {count} rows, got {show(rows)}")
+    if not is_mask and index.size and (index.min() < -count or index.max() >= count):
+        raise ValueError(f"rows: expected indices of {count} rows, got {index.min()} to {index.max()}")
+    return index
+
+
+def check_plans(plans: Any, blocks: int, most: int | None = None) -> npt.NDArray[np.float64]:  # noqa: ANN401
+    """Return plans (N, blocks) in seconds, or with up to `most` columns; ValueError in one line for another shape."""
+    times = np.asarray(plans, np.float64)
+    if times.ndim != 2 or not blocks <= times.shape[1] <= (most or blocks):
+        raise ValueError(f"plans: expected shape (N, {blocks}), a column for each block, got {times.shape}")
+    return times
+
+
 def _as_float(value: object) -> float:
     """A number as a float, so that no comparison is made in a narrower type; NaN for anything else."""
     if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):

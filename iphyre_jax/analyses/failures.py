@@ -75,11 +75,11 @@ def document(policies: Sequence[Policy], oracles: Mapping[int, Mapping[str, Row]
     """Return the document of all policies that act in advance; each is judged by the oracle of its own rate."""
     parts = [
         "# Sources of failure",
-        "Written by `iphyre-jax analyse failures`. Greedy plans of the shipped policies (each the best of five seeds). "
-        "Timing: this order of removals is feasible, so another timing of it solves the game. Order: another order of "
-        "the same blocks is feasible. Selection: no order of these blocks is known to be feasible. Impossible: no plan is "
-        "known to solve the game. Feasible orders are those of `iphyre-jax analyse oracle`; an order that the search "
-        "missed would move a failure from order or selection to timing.",
+        "Written by `iphyre-jax analyse failures`. Greedy plans of the shipped policies (each the best of five "
+        "seeds). Timing: this order of removals is feasible, so another timing of it solves the game. Order: "
+        "another order of the same blocks is feasible. Selection: no order of these blocks is known to be "
+        "feasible. Impossible: no plan is known to solve the game. Feasible orders are those of `iphyre-jax "
+        "analyse oracle`; an order that the search missed would move a failure from order or selection to timing.",
     ]
     for fps, oracle in oracles.items():
         chosen = [policy for policy in policies if policy.plans_ahead and policy.fps == fps]

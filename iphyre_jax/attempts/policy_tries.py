@@ -27,7 +27,7 @@ from iphyre_jax.train.settings.run import TrainConfig
 
 TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
-JUDGED: Final = 256  # drawn once for all tries, if they are judged
+JUDGED: Final = 256  # drawn for all tries that are asked for at once, if they are judged
 POLICY_WEIGHT: Final = 0.005  # chosen on generated scenes and variations of basic games
 GREEDY_BONUS: Final = 0.8  # chosen on these too: without it a policy loses games that it was trained on
 LEAST: Final = 1e-9  # judged chance

@@ -96,6 +96,8 @@ def run(command: Ask, console: Console) -> int:
         refuse_unread(command, {entry.name for entry in fields(command)} - {*of_model}, "with --replay")
     for file in (*(command.replay or ()), command.record, command.out / TRANSCRIPT, command.out / ROWS):
         check_apart("document", command.document, "the transcript and its rows", file)
+    for name in (ROWS, runs.FILE):
+        check_apart("record", command.record, name, command.out / name)
     settings = command.settings()
     answered = _live if command.replay is None else _replay
     try:

@@ -19,7 +19,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
-from iphyre_jax.data.dataset import SCHEMA, check_target
+from iphyre_jax.data.dataset import ARRAYS, SCHEMA, check_target
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
@@ -146,7 +146,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
-        check_target(command.out, SCHEMA, "out")
+        check_target(command.out, SCHEMA, ARRAYS, "out")
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.minari is not None:

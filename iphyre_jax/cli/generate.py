@@ -16,7 +16,7 @@ from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_target
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
-from iphyre_jax.data.generated.pool import SCHEMA
+from iphyre_jax.data.generated.pool import ARRAYS, SCHEMA
 from iphyre_jax.files import check_output, check_writable
 
 PICTURES = 40  # of a sheet
@@ -69,7 +69,7 @@ def _run(command: Generate, console: Console, report: Callable[[str], None]) -> 
 
 def _make(command: Generate, out: Path | None, report: Callable[[str], None]) -> GeneratedScenes:
     """Generate and write the scenes."""
-    npz, _ = check_target(out or Path(), SCHEMA, "out")
+    npz, _ = check_target(out or Path(), SCHEMA, ARRAYS, "out")
     check_writable(npz.parent, "out")
     journal = npz.with_suffix(".parts")
     return generate_scenes(
@@ -92,7 +92,7 @@ def _describe(scenes: GeneratedScenes, console: Console) -> None:
         say(console, f"  {reason}: {count} ({count / of['drawn']:.1%})")
     say(console, f"kept: {len(scenes)} ({len(scenes) / of['drawn']:.1%}), by the share of random plans that solve")
     for grade, count in of["grades"].items():
-        say(console, f"  {grade}: {count} ({count / len(scenes):.1%})")
+        say(console, f"  {grade}: {count} ({count / max(1, len(scenes)):.1%})")
     nearest = "none has the objects of one" if of["nearest_px"] is None else f"{of['nearest_px']:.1f} px"
     say(console, f"nearest to a test game: {nearest}")
 

@@ -127,6 +127,7 @@ def _run(action: Train | Evaluate | Compare | PlanInModel | Film, console: Conso
     elif isinstance(action, Evaluate):
         _evaluate(action, console)
     elif isinstance(action, Compare):
+        check_output("out", action.out, ())
         compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
     elif isinstance(action, PlanInModel):
         _plan(action, console)
@@ -135,7 +136,8 @@ def _run(action: Train | Evaluate | Compare | PlanInModel | Film, console: Conso
 
 
 def _evaluate(action: Evaluate, console: Console) -> None:
-    check_whole("plans", action.plans, 0)
+    if action.plans:
+        check_whole("plans", action.plans, TRIES)
     found = compare.evaluate(action.run, action.plans, console)
     seconds = " ".join(f"{horizon / 10:g}" for horizon in HORIZONS)
     for column, measures in found["columns"].items():

@@ -17,7 +17,8 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+import zipfile
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,7 +27,7 @@ from typing import Any, Final, get_args
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import is_list, one_line, show
+from iphyre_jax.checks import check_rows, is_list, one_line, show
 from iphyre_jax.files import check_exist, pack_npz, parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
@@ -41,7 +42,7 @@ HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
 MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
 _PACKAGE_GAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
-_DTYPES: Final = {
+ARRAYS: Final = {
     "game": ("int32",),
     "times": ("float32",),
     "steps": ("int16",),
@@ -95,12 +96,12 @@ class Dataset:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name, `poses` only if there are any."""
-        named = {field.name: getattr(self, field.name) for field in fields(self) if field.name in _DTYPES}
+        named = {field.name: getattr(self, field.name) for field in fields(self) if field.name in ARRAYS}
         return {name: array for name, array in named.items() if array is not None}
 
     def select(self, rows: npt.ArrayLike) -> Dataset:
-        """Return some plays, with all scenes; rows: indices or a mask, (N,)."""
-        index = np.asarray(rows)
+        """Return some plays, with all scenes; rows: indices or a mask, (N,). ValueError in one line for others."""
+        index = check_rows(rows, len(self))
         return replace(self, **{name: array[index] for name, array in self.arrays().items()})
 
     def of_game(self, name: str) -> Dataset:
@@ -139,7 +140,7 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
             or shape; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = check_target(path, SCHEMA)
+    npz, manifest = check_target(path, SCHEMA, ARRAYS)
     arrays = dataset.arrays()
     _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
     content = pack_npz(arrays)
@@ -175,7 +176,7 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
     arrays = read_npz(npz, max(size, _unpacked(manifest)) + HEADERS)
     scenes = tuple(_read_scene(entry, f"{manifest_file}: scenes[{k}]") for k, entry in enumerate(manifest["scenes"]))
     _check_arrays(arrays, scenes, manifest, one_line(str(npz)))
-    return Dataset(scenes, **{name: arrays.get(name) for name in _DTYPES}, manifest=manifest)  # type: ignore[arg-type]
+    return Dataset(scenes, **{name: arrays.get(name) for name in ARRAYS}, manifest=manifest)  # type: ignore[arg-type]
 
 
 def check_path(path: str | os.PathLike[str], name: str = "path") -> tuple[Path, Path]:
@@ -186,20 +187,39 @@ def check_path(path: str | os.PathLike[str], name: str = "path") -> tuple[Path, 
     return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
 
 
-def check_target(path: str | os.PathLike[str], schema: str, name: str = "path") -> tuple[Path, Path]:
+def check_target(
+    path: str | os.PathLike[str], schema: str, arrays: Collection[str], name: str = "path"
+) -> tuple[Path, Path]:
     """Return the files NAME.npz and NAME.json to write, whose manifest has a schema.
 
+    Args:
+        path: of NAME.npz or NAME.json.
+        schema: of the manifest.
+        arrays: names that NAME.npz may have; a kill leaves it without a manifest.
+        name: of the argument, for the message.
+
     Raises:
-        ValueError: another path, or NAME.json is there and is something else, such as a scene; one line.
-        OSError: NAME.json cannot be read.
+        ValueError: another path, or a file is there and is something else, such as a scene; one line.
+        OSError: a file cannot be read.
     """
     npz, manifest = check_path(path, name)
+    if npz.exists() and not manifest.exists() and not _array_names(npz) <= set(arrays):
+        raise ValueError(f"{name}: {one_line(str(npz))} is there and is no {schema}; expected another name")
     if manifest.exists():
         with manifest.open("rb") as file:
             head = file.read(_HEAD)
         if not re.match(rb'\{\s*"schema": "' + re.escape(schema.encode()) + b'"', head):
             raise ValueError(f"{name}: {one_line(str(manifest))} is there and is no {schema}; expected another name")
     return npz, manifest
+
+
+def _array_names(npz: Path) -> set[str]:
+    """Return the names of the arrays in a file; one that no array can have if it holds something else."""
+    try:
+        with zipfile.ZipFile(npz) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except zipfile.BadZipFile:
+        return {""}
 
 
 def _describe(array: npt.NDArray[Any]) -> dict[str, Any]:
@@ -256,7 +276,7 @@ _FIELDS: Final[tuple[tuple[str, Callable[[Any], bool], str], ...]] = (
     (
         "arrays",
         lambda value: (
-            isinstance(value, dict) and set(value) <= set(_DTYPES) and all(map(_is_array_description, value.values()))
+            isinstance(value, dict) and set(value) <= set(ARRAYS) and all(map(_is_array_description, value.values()))
         ),
         "a description of each array",
     ),
@@ -268,7 +288,7 @@ _FIELDS: Final[tuple[tuple[str, Callable[[Any], bool], str], ...]] = (
 def _unpacked(manifest: Mapping[str, Any]) -> int:
     """Return the bytes of all arrays, from their descriptions."""
     described = manifest["arrays"].items()
-    return int(sum(math.prod(array["shape"]) * np.dtype(_DTYPES[name][-1]).itemsize for name, array in described))
+    return int(sum(math.prod(array["shape"]) * np.dtype(ARRAYS[name][-1]).itemsize for name, array in described))
 
 
 def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
@@ -287,11 +307,11 @@ def _check_arrays(
     """Refuse arrays that no data set has; one line."""
     if not is_list(scenes) or len(scenes) != len(manifest["scenes"]):
         raise ValueError(f"{source}: scenes: expected {len(manifest['scenes'])} as in the manifest")
-    if unknown := sorted(set(arrays) - set(_DTYPES)):
+    if unknown := sorted(set(arrays) - set(ARRAYS)):
         raise ValueError(f"{source}: {show(unknown[0])}: expected no such array")
     count = len(arrays["game"]) if "game" in arrays else 0
     shapes = {"times": (count, None), "steps": (count, None), "poses": (count, None, None, 3)}
-    for name, dtypes in _DTYPES.items():
+    for name, dtypes in ARRAYS.items():
         if name == "poses" and name not in arrays:
             continue
         wanted, array = shapes.get(name, (count,)), arrays.get(name)

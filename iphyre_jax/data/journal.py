@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
+import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +23,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.files import locked, read_npz, replacing
 from iphyre_jax.provenance import CORE, versions
 
+_ENTRY: Final = re.compile(r"[0-9a-f]{64}\.npz|\.[0-9a-f]{64}\.[0-9a-f]{8}\.part\.npz")  # or the draft of one
 MAX_ENTRY: Final = 2**33  # bytes
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -77,7 +78,9 @@ def _sum_of(settings: Mapping[str, Any], inputs: Arrays) -> str:
 
 @contextmanager
 def journal_in(folder: str | os.PathLike[str] | None, report: Report | None = None) -> Iterator[Journal]:
-    """Open a journal for one process at a time; it is removed when the work is done, and stays after an error.
+    """Open a journal for one process at a time; its entries go when the work is done, and stay after an error.
+
+    Other files of the folder stay. The folder goes if it is empty then.
 
     Raises:
         ValueError: it is no path; one line.
@@ -93,4 +96,8 @@ def journal_in(folder: str | os.PathLike[str] | None, report: Report | None = No
     path.mkdir(parents=True, exist_ok=True)
     with locked(path):
         yield Journal(path, report or _silent)
-    shutil.rmtree(path, ignore_errors=True)
+    with suppress(OSError):
+        for file in path.iterdir():
+            if _ENTRY.fullmatch(file.name):
+                file.unlink(missing_ok=True)
+        path.rmdir()

@@ -71,7 +71,7 @@ class RunFolders(Generic[S]):
         Args:
             folder: of the run.
             config: settings.
-            **learned: what else decides the run, JSON values.
+            **learned: what else decides the run, JSON values; older runs may lack some.
 
         Raises:
             ValueError: one line; the folder holds another run.
@@ -81,7 +81,7 @@ class RunFolders(Generic[S]):
         if (folder / CONFIG).is_file():
             content = read_json_object(folder / CONFIG)
             for field, value in found.items():
-                if content.get(field) != value:
+                if content.get(field, value if field in learned else None) != value:
                     raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
             return
         folder.mkdir(parents=True, exist_ok=True)

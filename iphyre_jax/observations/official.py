@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
@@ -125,6 +126,6 @@ def observation(
 
 
 def start_observation(scene: Scene) -> npt.NDArray[np.float32]:
-    """Return the observation of a scene before its first step, (120,) float32."""
-    features = scene_features(scene)
+    """Return the observation of a scene before its first step, (120,) float32; ValueError if it has more objects."""
+    features = scene_features(load_scene(scene, OFFICIAL))
     return observation(features, features.position, np.zeros(len(features.present)), features.present)

@@ -16,7 +16,8 @@ from iphyre_jax.envs.in_advance import observation_table
 from iphyre_jax.envs.strategies import STRATEGIES, StrategyName
 from iphyre_jax.observations.features import MOTION_SIZE, ROWS_SIZE
 from iphyre_jax.observations.vectors import ObservationName, observation_size
-from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene
+from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, Scene, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 
 SLOTS_SIZE: Final = 2 * MAX_ELIMINABLE
 
@@ -69,7 +70,7 @@ def start_observations(strategy: StrategyName, observation: str, scenes: Sequenc
     """
     check_option("strategy", strategy, tuple(STRATEGIES))
     check_option("observation", observation, ("official", "motion"))
-    table = observation_table(scenes)
+    table = observation_table([load_scene(scene, OFFICIAL) for scene in scenes])
     rows, candidates = table[:, :ROWS_SIZE], table[:, ROWS_SIZE:]
     no_op = np.zeros((len(table), 2 if STRATEGIES[strategy].no_op_candidate else 0), np.float32)
     motion = np.zeros((len(table), MOTION_SIZE if observation == "motion" else 0), np.float32)

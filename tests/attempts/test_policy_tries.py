@@ -1,11 +1,16 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from iphyre_jax.attempts.policy_tries import JUDGED, PolicyTries, differs
 from iphyre_jax.attempts.protocol import Attempt, attempts
-from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.models.outcome.agent import judge_of
+from iphyre_jax.models.outcome.storage import load_classifier
+from iphyre_jax.models.world.imagine import WorldImagination
+from iphyre_jax.models.world.storage import named_model
+from iphyre_jax.scenes import Limits, Scene, SceneBuilder, load_scene
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
 SCENE = load_scene("support")
@@ -80,3 +85,25 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
         PolicyTries(policy.config, policy.state, greedy_bonus=-1.0)
     with pytest.raises(ValueError, match=r"^policy_weight: expected a finite number of at least 0, got -1"):
         PolicyTries(policy.config, policy.state, policy_weight=-1.0)
+
+
+def test_a_scene_with_larger_limits_is_tried_as_with_the_official_ones() -> None:
+    policy = load_pretrained("ppo-i")
+    agent = PolicyTries(policy.config, policy.state, judge=judge_of(load_classifier("relations")))
+    plans = [agent(scene, 2, np.random.default_rng(0), ()) for scene in (SCENE, replace(SCENE, limits=Limits(16, 8)))]
+    np.testing.assert_array_equal(*plans)
+    crowded = SceneBuilder("crowded", Limits(16, 8))
+    for row in range(12):
+        crowded.block((100, 40 * row + 40), (200, 40 * row + 40), eliminable=row == 0)
+    crowded.ball((300, 100))
+    with pytest.raises(ValueError, match=r"^[^\n]*expected at most 12[^\n]*$"):
+        agent(crowded.build(), 1, np.random.default_rng(0), ())
+
+
+def test_judges_and_world_models_take_plans_of_the_scenes_blocks_alone() -> None:
+    judge, imagine = judge_of(load_classifier("relations")), WorldImagination(named_model("objects-unlimited"))
+    for shape in ((1, 3), (1, 7), (4,)):
+        with pytest.raises(ValueError, match=r"^plans: expected shape \(N, 4\), a column for each block, got \("):
+            judge("hole", np.zeros(shape))
+        with pytest.raises(ValueError, match=r"^plans: expected shape \(N, 4\), a column for each block, got \("):
+            imagine("hole", np.zeros(shape))

@@ -159,3 +159,13 @@ def test_a_document_never_replaces_a_transcript(
         message = capsys.readouterr().err
         assert message.startswith("iphyre-jax: document: expected another file than the transcript and its rows, got")
         assert transcript.read_bytes() == before
+
+
+def test_a_transcript_is_not_written_over_by_its_rows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure(monkeypatch)
+    for name in ("rows.json", "run.json"):
+        assert run(["ask", "support", "--out", str(tmp_path), "--record", str(tmp_path / name)]) == 2
+        assert capsys.readouterr().err.startswith(f"iphyre-jax: record: expected another file than {name}, got")
+    assert not list(tmp_path.iterdir())

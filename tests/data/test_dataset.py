@@ -10,6 +10,7 @@ import pytest
 
 from iphyre_jax.data import Dataset, load_dataset, save_dataset
 from iphyre_jax.data.dataset import SCHEMA, VERSION, _text, _with_sum, scene_entry
+from iphyre_jax.data.journal import journal_in
 from iphyre_jax.scenes import load_scene, vary
 
 HOLE = load_scene("hole")
@@ -141,6 +142,10 @@ WRONG = {
         lambda path: save_dataset(made(scenes=(HOLE,)), path / "a.npz"),
         "dataset: scenes: expected 2 as in the manifest",
     ),
+    "rows": (lambda path: made().select(0), "rows: expected indices or a mask of 3 rows, got 0"),
+    "mask": (lambda path: made().select([True, False]), "rows: expected indices or a mask of 3 rows, got a list of 2"),
+    "row": (lambda path: made().select([0, 3]), "rows: expected indices of 3 rows, got 0 to 3"),
+    "text": (lambda path: made().select(["a"]), "rows: expected indices or a mask of 3 rows"),
     "name": (lambda path: made().of_game("seesaw"), "name: expected the name of a scene of the data set"),
 }
 
@@ -157,5 +162,34 @@ def test_wrong_arguments_are_one_line(tmp_path: Path, case: str) -> None:
 def test_selection_keeps_all_scenes() -> None:
     half = replace(made(), manifest={"fps": 60}).select(np.array([True, False, True]))
     assert len(half) == 2
+    assert len(made().select([])) == 0
     assert half.scenes == (HOLE, VARIED)
     np.testing.assert_array_equal(half.draw, [0, 2])
+
+
+def test_arrays_of_another_kind_are_not_replaced(tmp_path: Path) -> None:
+    for content in ({"weights": np.zeros(3)}, None):
+        npz = tmp_path / "mine.npz"
+        if content is None:
+            npz.write_bytes(b"no archive")
+        else:
+            np.savez(npz, **content)  # type: ignore[arg-type]
+        before = npz.read_bytes()
+        with pytest.raises(ValueError, match=r"^path: .*mine\.npz is there and is no iphyre_jax/dataset; expected"):
+            save_dataset(made(), npz)
+        assert npz.read_bytes() == before
+    save_dataset(made(), tmp_path / "killed.npz")
+    (tmp_path / "killed.json").unlink()  # as a kill between the two files leaves it
+    save_dataset(made(), tmp_path / "killed.npz")
+    assert len(load_dataset(tmp_path / "killed.npz")) == 3
+
+
+def test_a_journal_leaves_files_of_others(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "thesis.txt").write_text("precious")
+    with journal_in(folder) as journal:
+        journal.entry({"a": 1}, {}, lambda: {"x": np.zeros(2)})
+        assert len(list(folder.glob("*.npz"))) == 1
+        (folder / f".{'0' * 64}.01234567.part.npz").touch()  # the draft of a killed process
+    assert [path.name for path in folder.iterdir()] == ["thesis.txt"]

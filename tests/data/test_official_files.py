@@ -1,6 +1,7 @@
 """Official files: written and read back, and refused if they hold something else."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from iphyre_jax.data import Dataset, collect, drawn_times, tables, verify
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.official_files import action_lists, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines, write_player_lines
-from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes import Limits, load_scene
 from iphyre_jax.viewer.plays import Play
 from tests.data.worlds import small
 
@@ -176,3 +177,14 @@ def test_plays_of_two_rates_make_no_data_set() -> None:
     plays = [Play("ann", load_scene("hole"), (-1,) * 4, fps=fps) for fps in (10, 60)]
     with pytest.raises(ValueError, match="plays: expected plays of one rate, got 10, 60"):
         dataset_from_plays(plays)
+
+
+def test_lists_have_the_columns_of_their_game(tmp_path: Path) -> None:
+    large = load_scene("support", Limits(16, 8))
+    both = collect(["hole", replace(large, name="mine")], successes=2, failures=2)
+    assert both.times.shape[1] == 8
+    save_official(both, tmp_path)
+    assert np.load(tmp_path / "hole" / "succeed_actions.npy").shape == (2, 9)
+    assert np.load(tmp_path / "mine" / "succeed_actions.npy").shape == (2, 11)
+    again = load_official(tmp_path, games=["hole"])
+    assert sorted(again.end_step.tolist()) == sorted(both.of_game("hole").end_step.tolist())

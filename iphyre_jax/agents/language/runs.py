@@ -23,6 +23,7 @@ from iphyre_jax.plans import plan_to_steps
 
 SCHEMA: Final = "iphyre_jax/ask-run"
 VERSION: Final = 1
+FILE: Final = "run.json"
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def check_folder(folder: Path, settings: RunSettings, model: Mapping[str, str]) 
         OSError: it cannot be read or written.
     """
     content = {"schema": SCHEMA, "version": VERSION, "settings": settings.to_json(), "model": dict(model)}
-    file = folder / "run.json"
+    file = folder / FILE
     if not file.is_file():
         folder.mkdir(parents=True, exist_ok=True)
         replace_json(file, content)

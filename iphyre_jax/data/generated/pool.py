@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_option, show
+from iphyre_jax.checks import check_option, check_rows, show
 from iphyre_jax.data.dataset import check_path, check_target
 from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
@@ -36,7 +36,7 @@ SHIPPED: Final = "shipped"  # stands for the path of the scenes that come with t
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
-_COLUMNS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
+ARRAYS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
     "number": ("int64", ()),
     "basic": ("int8", ()),
     "distance": ("float64", ()),
@@ -103,10 +103,10 @@ class GeneratedScenes:
     @classmethod
     def of_chunks(cls, chunks: Sequence[Columns], count: int, settings: GeneratorSettings) -> GeneratedScenes:
         """Return the first `count` scenes of chunks, and how many were drawn until the last of them."""
-        columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in _COLUMNS}
+        columns = {name: np.concatenate([chunk[name] for chunk in chunks])[:count] for name in ARRAYS}
         drawn = int(columns["number"][-1]) + 1
         reasons = np.bincount(np.concatenate([chunk["reason"] for chunk in chunks])[:drawn], minlength=len(REASONS))
-        nearest, protocol = columns["distance"].min(), settings.protocol
+        protocol = settings.protocol
         manifest = {
             "schema": SCHEMA,
             "version": VERSION,
@@ -119,8 +119,7 @@ class GeneratedScenes:
             "scenes": len(columns["number"]),
             "drawn": drawn,
             "refused": {name: int(reasons[k]) for k, name in enumerate(REASONS) if k != KEPT},
-            "grades": _grade_counts(columns["solved"] / columns["plans"]),
-            "nearest_px": float(nearest) if np.isfinite(nearest) else None,
+            **_facts(columns),
             "provenance": provenance(CORE),
         }
         return cls(columns, manifest)
@@ -143,14 +142,31 @@ class GeneratedScenes:
         )
 
     def select(self, rows: npt.ArrayLike) -> GeneratedScenes:
-        """Return some of the scenes, with the manifest of all; rows: indices or a mask, (N,)."""
-        index = np.asarray(rows)
-        return GeneratedScenes({name: column[index] for name, column in self.columns.items()}, self.manifest)
+        """Return some of the scenes; what was drawn and refused stays that of all.
+
+        Args:
+            rows: indices or a mask, (N,).
+
+        Raises:
+            ValueError: they are not such; one line.
+        """
+        index = check_rows(rows, len(self))
+        columns = {name: column[index] for name, column in self.columns.items()}
+        return GeneratedScenes(columns, {**self.manifest, "scenes": len(columns["number"]), **_facts(columns)})
 
     def _scene(self, row: int, name: str) -> Scene:
         of = {key: column[row] for key, column in self.columns.items()}
         bars, balls = of["bars"][: of["n_bars"]], of["balls"][: of["n_balls"]]
         return scene_of(name, bars, balls, of["eliminable"], of["moving"], of["link"], of["anchor"])
+
+
+def _facts(columns: Columns) -> dict[str, Any]:
+    """Return what a manifest tells of the scenes: how many have each grade, and how near a test game is."""
+    nearest = columns["distance"].min(initial=np.inf)
+    return {
+        "grades": _grade_counts(columns["solved"] / columns["plans"]),
+        "nearest_px": float(nearest) if np.isfinite(nearest) else None,
+    }
 
 
 def _grade_counts(rates: npt.NDArray[np.float64]) -> dict[str, int]:
@@ -168,7 +184,7 @@ def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> Non
         ValueError: the path has another ending, or NAME.json is there and is something else; one line.
         OSError: a file cannot be written.
     """
-    npz, manifest = check_target(path, SCHEMA)
+    npz, manifest = check_target(path, SCHEMA, ARRAYS)
     content = pack_npz(scenes.columns)
     replace_bytes(npz, content)
     replace_json(manifest, {**scenes.manifest, "sha256": hashlib.sha256(content).hexdigest()})
@@ -195,12 +211,12 @@ def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
             raise ValueError(f"{npz}: expected the bytes that {described.name} tells of, but they were changed")
     columns = read_npz(npz, MAX_BYTES)
     count = manifest.get("scenes")
-    for name, (dtype, shape) in _COLUMNS.items():
+    for name, (dtype, shape) in ARRAYS.items():
         column, wanted = columns.get(name), (count, *shape)
         if column is None or str(column.dtype) != dtype or column.shape != wanted:
             got = "none" if column is None else f"{column.dtype} of shape {column.shape}"
             raise ValueError(f"{npz}: {name}: expected {dtype} of shape {wanted}, got {got}")
-    if unknown := sorted(set(columns) - set(_COLUMNS)):
+    if unknown := sorted(set(columns) - set(ARRAYS)):
         raise ValueError(f"{npz}: {show(unknown[0])}: expected no such array")
     check_option(f"{described}: kind", manifest.setdefault("kind", DEFAULT_KIND), tuple(KINDS))
     if type(manifest.get("seed")) is not int:

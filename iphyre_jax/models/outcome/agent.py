@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_whole
+from iphyre_jax.checks import check_plans, check_whole
 from iphyre_jax.models.outcome.plays.augmented import random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
 from iphyre_jax.models.outcome.storage import OutcomeClassifier
@@ -45,6 +45,7 @@ def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Flo
 
     def judge(scene: SceneLike, plans: Floats) -> Floats:
         loaded = load_scene(scene)
+        plans = check_plans(plans, len(loaded.eliminable_blocks), MAX_ELIMINABLE)
         columns = np.full((len(plans), MAX_ELIMINABLE), np.nan)
         columns[:, : plans.shape[1]] = plans
         seen = jax.tree.map(jnp.asarray, scene_inputs([loaded], config))

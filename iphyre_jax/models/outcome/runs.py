@@ -68,7 +68,8 @@ def train(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
-        storage.RUNS.create(folder, config, plays={"count": len(learned), "sha256": storage.plays_sum(learned)})
+        sums = [{"count": len(plays), "sha256": storage.plays_sum(plays)} for plays in (learned, held)]
+        storage.RUNS.create(folder, config, plays=sums[0], held=sums[1])
         material = material_of(config, learned, held)
         state, history = start(config, material, params), History(*[jnp.zeros((0, config.seeds))] * 3)
         if (saved := storage.load(folder, state)) is not None:

@@ -31,7 +31,8 @@ from iphyre_jax.rules import (
     SUCCESS_REWARD,
     TIME_LIMIT,
 )
-from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
+from iphyre_jax.scenes import MAX_ELIMINABLE, Scene, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 
 COST: Final = -ELIMINATION_REWARD / SUCCESS_REWARD  # of a removal, as a return
 TENTH: Final = 1 / DECISIONS_PER_SECOND / SUCCESS_REWARD  # of 0.1 s
@@ -261,7 +262,9 @@ class SequenceTries:
         steps = []
         for count, own in ((greedy, None), (k - greedy, key)):
             if count:
-                player = Player(self.config, self.params, [scene], np.zeros(count, np.int32), key=own)
+                player = Player(
+                    self.config, self.params, [load_scene(scene, OFFICIAL)], np.zeros(count, np.int32), key=own
+                )
                 player.plans()
                 steps.append(player.steps())
         made = np.concatenate(steps)[:, : len(scene.eliminable_blocks)]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.attempts.protocol import Attempt
-from iphyre_jax.checks import check_whole
+from iphyre_jax.checks import check_plans, check_whole
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, removal_instants
 from iphyre_jax.models.world.storage import WorldModel
@@ -98,9 +98,14 @@ class WorldImagination:
         self._predict = predictor(model.config) if predict is None else predict
 
     def imagined(self, scene: SceneLike, plans: npt.ArrayLike) -> Imagined:
-        """How plans (N, S), s of the eliminable blocks and NaN for never, end in the model."""
+        """How plans (N, S), s of the eliminable blocks and NaN for never, end in the model.
+
+        Raises:
+            ValueError: plans of another shape; one line.
+        """
         loaded = load_scene(scene)
-        steps = plan_to_steps(plans, FPS, "simulate")
+        times = check_plans(plans, len(loaded.eliminable_blocks))
+        steps = plan_to_steps(times, FPS, "simulate")
         which = np.zeros(len(steps), np.int32)
         tables = scene_tables([loaded], MOVERS, TIES)
         return roll_out(self._predict, self._model, tables, which, removal_instants([loaded], which, steps))

@@ -261,3 +261,19 @@ def test_a_game_is_graded_as_it_is_played() -> None:
     for game, plans, solved in zip(games, grades.plans, grades.solved, strict=True):
         steps = plan_stream(len(game.eliminable_blocks))[None, :plans]
         assert replayed((game,), steps).sum() == solved
+
+
+def test_a_selection_is_saved_and_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shipped = load_generated("shipped")
+    hard = shipped.select(shipped.solve_rate < 0.04)
+    assert 0 < len(hard) < len(shipped)
+    for some in (hard, hard.select([])):
+        save_generated(some, tmp_path / "some.npz")
+        again = load_generated(tmp_path / "some.npz")
+        assert len(again) == len(some) == again.manifest["scenes"] == sum(again.manifest["grades"].values())
+        assert again.scenes == some.scenes
+        assert run(["generate", "--describe", str(tmp_path / "some.npz")]) == 0
+        assert f"{len(some)} scenes of seed" in capsys.readouterr().out
+    assert hard.manifest["nearest_px"] == hard.columns["distance"].min()
+    with pytest.raises(ValueError, match=r"^rows: expected indices or a mask of 4000 rows, got 0$"):
+        shipped.select(0)

@@ -64,6 +64,8 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.OutcomeState], t
 def test_other_plays_are_refused(trained: tuple[Path, training.OutcomeState]) -> None:
     with pytest.raises(ValueError, match=r"config\.json: plays: expected those of this run"):
         runs.train(trained[0], CONFIG, HELD, HELD, QUIET)
+    with pytest.raises(ValueError, match=r"config\.json: held: expected those of this run"):
+        runs.train(trained[0], CONFIG, LEARNED, LEARNED, QUIET)
 
 
 def test_evaluates_ships_and_plays(trained: tuple[Path, training.OutcomeState], tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from iphyre_jax.models.outcome.plays.pictures import start_pictures
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.observations.official import LENGTH_COLUMNS, object_rows, scene_features
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes import MAX_OBJECTS, Scene
+from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 
 PICTURE: Final = 48  # px, side of a picture
 
@@ -45,10 +46,10 @@ class Examples(NamedTuple):
 
 
 def scene_rows(scenes: Sequence[Scene]) -> Floats:
-    """The table of each scene at its start, (S, 12, 9); nothing is clipped."""
+    """The table of each scene at its start, (S, 12, 9); nothing is clipped. ValueError for one of more objects."""
     tables = np.zeros((len(scenes), MAX_OBJECTS, 9), np.float32)
     for table, scene in zip(tables, scenes, strict=True):
-        features = scene_features(scene)
+        features = scene_features(load_scene(scene, OFFICIAL))
         table[:] = object_rows(features, features.position, np.zeros(len(features.present)), features.present)
     tables[..., :LENGTH_COLUMNS] /= np.float32(SCREEN)
     return tables
