@@ -71,6 +71,7 @@ class Options:
 
         Raises:
             ValueError: an option is wrong; the message names it and what was expected.
+            OSError: the folder cannot be made.
         """
         require_at_least(self, repeats=1, plans=1, cores=1, seed=0)
         if not self.parts or not self.fps or not self.batches or min(self.batches) < 1:
@@ -78,6 +79,7 @@ class Options:
         games = self.games or iphyre_jax.GAMES
         for game in games:
             check_option("--games", game, iphyre_jax.GAMES)
+        self.out.mkdir(parents=True, exist_ok=True)  # before anything is measured
         changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
         without = tuple(dict.fromkeys((*self.without, *(("jax2d",) if self.quick else ()))))
         return Options(**{**vars(self), "games": tuple(games), "without": without, **changes})

@@ -122,17 +122,21 @@ def _finite(state: State) -> jax.Array:
     return jnp.all(jnp.isfinite(total), axis=0)
 
 
-def _check_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -> None:
-    """Check the shape and type of a plan, and the number of steps if it is not traced; ValueError in one line."""
+def _checked_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -> jax.Array:
+    """Return a plan of integers as int32; ValueError in one line for another, or if `steps` is no number of steps.
+
+    JAX would cut numbers of NumPy to 32 bits, which makes others of them. Those too large are never reached.
+    """
     if not isinstance(plan, jax.Array | np.ndarray) or not plan.ndim or plan.dtype.kind not in "iu":
         raise ValueError(f"plan: expected integers, a step for each eliminable block, got {show(plan)}")
     if isinstance(steps, jax.Array | np.ndarray) and not steps.ndim and steps.dtype.kind in "iu":
-        if isinstance(steps, jax.core.Tracer):
-            return
-        steps = int(steps)
-    if not isinstance(steps, int | np.integer):
-        raise ValueError(f"steps: expected one whole number, got {show(steps)}")
-    check_whole("steps", steps, 0, topology.max_steps)
+        steps = steps if isinstance(steps, jax.core.Tracer) else int(steps)
+    if not isinstance(steps, jax.core.Tracer):
+        if not isinstance(steps, int | np.integer):
+            raise ValueError(f"steps: expected one whole number, got {show(steps)}")
+        check_whole("steps", steps, 0, topology.max_steps)
+    narrow = np.iinfo(np.int32)
+    return jnp.asarray(plan.clip(max(narrow.min, np.iinfo(plan.dtype).min), narrow.max).astype(np.int32))
 
 
 def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:
@@ -151,6 +155,6 @@ def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, s
         ValueError: a part is of another class or shape, or `plan` or `steps` are no integers; one line.
     """
     check_parts(topology=topology, world=world, timing=timing)
-    _check_plan(topology, plan, steps)
+    plan = _checked_plan(topology, plan, steps)
     never_done = jnp.zeros(world.start.x.shape[1:], bool)
     return run_until(topology, world, timing, plan, reset_episode(topology, world, never_done), steps).result

@@ -10,15 +10,25 @@ import tyro
 from rich.console import Console
 
 import iphyre_jax
+from iphyre_jax.memory import check_memory
 from iphyre_jax.physics import Topology
 from iphyre_jax.scenes.compile import topology_of
-from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates, require_steps
+from parity.command import (
+    options_as_json,
+    progress_bar,
+    report_console,
+    require_at_least,
+    require_output,
+    require_rates,
+    require_steps,
+)
 from parity.plans import PlanSet
 from parity.play import DURATION, GameResult, Task, compare_games
 from parity.reports.report import publish, run_info
 from parity.reports.tables import sections
 
 PLAYS_A_TASK = 256  # two full chunks
+_BYTES_OF_PLAN = 1000  # drawn, played and compared, at least
 
 Rate = Literal[60, 10]
 Dtype = Literal["float64", "float32"]
@@ -79,6 +89,7 @@ def check(options: Options) -> None:
         OSError: a scene file cannot be read.
     """
     require_at_least(options, plans=1, resets=1, workers=1, seed=0)
+    check_memory("--plans", _BYTES_OF_PLAN * options.plans, "compare fewer plans")
     if not 0 <= options.statistics < math.inf:
         raise ValueError(f"--statistics: expected seconds, at least 0, got {options.statistics}")
     for part in options.perturbations:
@@ -87,7 +98,11 @@ def check(options: Options) -> None:
     if not options.dtype:
         raise ValueError("--dtype: expected at least one value")
     require_rates(options.fps, options.duration)
-    for name in scenes(options):
+    names = scenes(options)
+    if len(set(names)) < len(names):
+        raise ValueError("--games, --scene: expected each scene once")
+    require_output(options.out, options.name)
+    for name in names:
         require_steps(iphyre_jax.load_scene(name), options.fps, options.duration)
 
 
@@ -125,7 +140,11 @@ def compare(options: Options, console: Console) -> list[GameResult]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the comparison, print and save it; return 0 if every target is met, 1 if not, 2 for bad options."""
+    """Run the comparison, print and save it.
+
+    Returns:
+        0 if every target is met, 1 if not, 2 for bad options, 130 if interrupted.
+    """
     options = tyro.cli(Options, args=arguments, prog="python -m parity")
     console = report_console()
     try:
@@ -134,7 +153,11 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     info = run_info(options_as_json(options))  # before the run, so that it names the commit that runs
-    results = compare(options, console)
+    try:
+        results = compare(options, console)
+    except KeyboardInterrupt:
+        print("interrupted; nothing was written", file=sys.stderr)
+        return 130
     return publish(options.out, options.name, sections(results), results, info, console)
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from iphyre_jax.checks import check_whole
+from iphyre_jax.files import check_writable
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import topology_of
 
@@ -34,6 +35,8 @@ def require_rates(fps: Sequence[int], duration: float) -> None:
     """
     if not fps:
         raise ValueError("--fps: expected at least one value")
+    if len(set(fps)) < len(fps):
+        raise ValueError(f"--fps: expected each rate once, got {list(fps)}")
     for rate in fps:
         steps = duration * rate
         if not (1 <= steps < math.inf and abs(steps - round(steps)) <= 1e-6 * steps):
@@ -45,6 +48,19 @@ def require_steps(scene: Scene, fps: Sequence[int], duration: float) -> None:
     most, steps = topology_of(scene).max_steps, round(duration * max(fps))
     if steps > most:
         raise ValueError(f"--duration: expected at most {most} steps for the scene {scene.name}, got {steps}")
+
+
+def require_output(folder: Path, name: str) -> None:
+    """Make the folder of a report, before anything is played.
+
+    Raises:
+        ValueError: the name cannot begin the names of files; one line.
+        OSError: the folder cannot be made.
+    """
+    if not name or name in (".", "..") or Path(name).name != name:
+        raise ValueError(f"--name: expected how names of files begin, got {name!r}")
+    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder, "--out")
 
 
 def options_as_json(options: object) -> dict[str, Any]:

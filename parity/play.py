@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,7 +225,21 @@ def compare_games(tasks: list[Task], workers: int) -> Iterator[tuple[int, list[G
         yield from enumerate(map(compare_scenes, tasks))
         return
     # A forked worker would inherit JAX's threads in an undefined state.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    others = active_children()
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_ignore_interrupts)
+    try:
         pending = {pool.submit(compare_scenes, task): index for index, task in enumerate(tasks)}
         for future in as_completed(pending):
             yield pending[future], future.result()
+    except BaseException:  # Ctrl-C too: what is under way would take minutes
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in active_children():
+            if child not in others:
+                child.terminate()
+        raise
+    pool.shutdown()
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C, which a terminal sends to all processes, to the one that has the workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -55,3 +55,15 @@ def test_a_world_of_its_own_type_is_played() -> None:
         with jax.enable_x64(dtype == "float64"):
             out: Any = jax.jit(rollout, static_argnums=0)(topology, made, step_timing(60, dtype), PLAN, np.int32(10))
         assert (int(out.steps), int(out.eliminations)) == (10, 1)
+
+
+@pytest.mark.slow
+def test_steps_beyond_32_bits_are_never_reached() -> None:
+    """JAX cuts NumPy's numbers to 32 bits: 2**32 would remove the block at once."""
+    topology, made = compile_scene(load_scene("support"), dtype="float32")
+    timing = step_timing(60, "float32")
+    for late in (2**31, 2**32, 2**33 + 7, 2**40):
+        out = rollout(topology, made, timing, np.array([3, late]), np.int32(10))  # type: ignore[arg-type]
+        assert int(out.eliminations) == 1
+    plan = np.array([2, 5], np.uint8)
+    assert int(rollout(topology, made, timing, plan, np.int32(10)).eliminations) == 2  # type: ignore[arg-type]

@@ -137,7 +137,8 @@ def _folder(cache: bool | str | PathLike[str] | None, problems: list[str]) -> Pa
             return None
     if cache is False or (isinstance(cache, str) and cache.lower() in OFF_WORDS):
         return None
-    if not isinstance(cache, str | PathLike) or not isinstance(os.fspath(cache), str) or "\0" in str(cache):
+    is_path = isinstance(cache, str | PathLike) and isinstance(os.fspath(cache), str)
+    if not is_path or not os.fspath(cache) or "\0" in str(cache):
         raise ValueError(f"cache: expected a folder, True, False or None, got {show(cache)}")
     return private_folder(Path(cache))
 

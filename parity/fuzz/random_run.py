@@ -15,7 +15,14 @@ from rich.console import Console
 
 from iphyre_jax import Scene
 from parity.__main__ import PLAYS_A_TASK, Rate
-from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_rates
+from parity.command import (
+    options_as_json,
+    progress_bar,
+    report_console,
+    require_at_least,
+    require_output,
+    require_rates,
+)
 from parity.compare import PlanComparison
 from parity.divergences import DivergedPlan
 from parity.fuzz.random_scenes import TEMPLATES, random_scene
@@ -193,17 +200,22 @@ def save_small_cases(options: Options, results: list[tuple[int, GameResult]], co
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run, print and save; return 0 if every target is met, 1 if not, 2 for bad options."""
+    """Run, print and save; return 0 if every target is met, 1 if not, 2 for bad options, 130 if interrupted."""
     options = tyro.cli(Options, args=arguments, prog="python -m parity.fuzz.random_run")
     console = report_console()
     try:
         require_at_least(options, scenes=1, plans=1, resets=1, workers=1, seed=0, shrink=0)
         require_rates(options.fps, options.duration)
-    except ValueError as error:
+        require_output(options.out, options.name)
+    except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 2
     info = run_info(options_as_json(options))  # before the run, so that it names the commit that runs
-    results = compare(options, console)
+    try:
+        results = compare(options, console)
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return 130
     games = [result for _, result in results]
     code = publish(options.out, options.name, sections(results), games, info, console, with_page=False)
     save_small_cases(options, results, console)

@@ -195,6 +195,8 @@ def test_wrong_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ValueError, match=r"^cache: expected a folder, True, False or None, got 3$"):
         iphyre_jax.configure(cache=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^cache: expected a folder, True, False or None, got ''$"):
+        iphyre_jax.configure(cache="")
     for path in (tmp_path / "file", tmp_path / "file" / "folder"):
         with pytest.raises(ValueError, match=r"^cache: cannot use [^\n]*$"):
             iphyre_jax.configure(cache=path)

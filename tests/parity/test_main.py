@@ -1,6 +1,12 @@
 """``python -m parity`` from the outside."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -19,6 +25,12 @@ from parity.__main__ import Options, main, scenes
         (["--duration", "nan"], "--duration: expected a whole number of steps at 60 fps, got nan s"),
         (["--duration", "inf"], "--duration: expected a whole number of steps at 60 fps, got inf s"),
         (["--fps"], "--fps: expected at least one value"),
+        (["--fps", "60", "60"], "--fps: expected each rate once, got [60, 60]"),
+        (["--games", "hole", "hole"], "--games, --scene: expected each scene once"),
+        (["--plans", "99999999999"], "--plans: expected a call of at most"),
+        (["--name", "a/b"], "--name: expected how names of files begin, got 'a/b'"),
+        (["--name", ".."], "--name: expected how names of files begin, got '..'"),
+        (["--out", __file__], "File exists"),
         (["--dtype"], "--dtype: expected at least one value"),
         (["--statistics", "-1"], "--statistics: expected seconds, at least 0, got -1.0"),
         (["--perturbations", "0"], "--perturbations: expected numbers between -1 and 1 but not 0, got 0.0"),
@@ -73,3 +85,27 @@ def test_a_run_leaves_its_report(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert document["headline"] in text
     assert text.count('class="chart"') == 2
     assert "Energy, momentum and contacts side by side" in text
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_workers(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "parity", "--games", "hole", "support", "--plans", "100000", "--workers", "2"]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path)], cwd=root, start_new_session=True, stderr=subprocess.PIPE, text=True
+    ) as running:
+        deadline = time.monotonic() + 60
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        while len(children.read_text().split()) < 3 and time.monotonic() < deadline:  # the tracker and two workers
+            time.sleep(0.1)
+        time.sleep(2)
+        group = running.pid
+        os.killpg(group, signal.SIGINT)  # as a terminal does
+        try:
+            assert running.wait(30) == 130
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(group, signal.SIGKILL)
+        assert running.stderr is not None
+        assert "interrupted; nothing was written" in running.stderr.read()
+    assert not list(tmp_path.iterdir())
