@@ -121,8 +121,8 @@ def is_evaluated(folder: Path, updates: int) -> bool:
     """
     if not (folder / runs.EVALUATION).is_file():
         return False
-    trained = read_json_object(folder / runs.EVALUATION).get("updates trained", "")
-    return trained.startswith(f"{updates} of {updates},") and set(PLAYED) <= set(compare.read(folder).games)
+    trained = read_json_object(folder / runs.EVALUATION).get("updates trained")
+    return str(trained).startswith(f"{updates} of {updates},") and set(PLAYED) <= set(compare.read(folder).games)
 
 
 def is_published(folder: Path, config: TrainConfig) -> bool:

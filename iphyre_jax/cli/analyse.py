@@ -60,6 +60,7 @@ ROWS_OF: Final[Mapping[What, str]] = MappingProxyType(
         "claims": "difficulty-60fps-0/*.json",
     }
 )
+OF_SEEDS: Final[frozenset[What]] = frozenset({"within-template", "claims"})
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,11 @@ def run(command: Analyse, console: Console) -> None:
     Raises:
         ValueError, OSError: one line.
     """
-    for what in command.what or tuple(DOCUMENTS):
-        if command.written_only and not _has_rows(command.rows, what):
+    chosen = command.what or tuple(DOCUMENTS)
+    if not command.written_only and not OF_SEEDS.isdisjoint(chosen):
+        seeds.published(command.runs)  # before anything is computed
+    for what in chosen:
+        if command.written_only and not _has_rows(command, what):
             say(console, f"{what}: no rows in {command.rows}; its document stays as it is")
             continue
         text = DOCUMENTS[what](command, console)
@@ -111,11 +115,12 @@ def run(command: Analyse, console: Console) -> None:
         say(console, f"{file}")
 
 
-def _has_rows(folder: Path, what: What) -> bool:
-    """Whether a document can be written of the rows in a folder, or needs none."""
+def _has_rows(command: Analyse, what: What) -> bool:
+    """Whether a document can be written of the rows and seeds that are there, or needs none."""
     if what == "imagination":
-        return imagination.is_whole(folder)
-    return what not in ROWS_OF or any(folder.glob(ROWS_OF[what]))
+        return imagination.is_whole(command.rows)
+    has_seeds = what not in OF_SEEDS or any(command.runs.glob("*/seed-*"))
+    return has_seeds and (what not in ROWS_OF or any(command.rows.glob(ROWS_OF[what])))
 
 
 def _oracle(command: Analyse, console: Console) -> str:

@@ -41,5 +41,14 @@ def test_documents_without_rows_stay_as_they_are(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "none").exists()
 
 
+def test_seeds_are_looked_for_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    where = ["--out", str(tmp_path), "--rows", str(tmp_path / "none"), "--runs", str(tmp_path / "runs")]
+    assert run(["analyse", "people", "within-template", *where]) == 2
+    assert "runs: expected" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+    assert run(["analyse", "within-template", "--written-only", *where]) == 0
+    assert "its document stays as it is" in capsys.readouterr().out
+
+
 def test_unknown_analysis_is_a_mistake() -> None:
     assert run(["analyse", "weather"]) == 2
