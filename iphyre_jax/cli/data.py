@@ -29,7 +29,8 @@ from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
-from iphyre_jax.scenes import GAMES, SPLITS, Scene
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
+from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.settings.run import TrainConfig
@@ -267,13 +268,13 @@ def _plans_of(config: TrainConfig, state: State) -> PlanPolicy:
     agent = algorithm(config)
 
     def plans(scene: Scene, seed: int) -> Iterator[Plan]:
-        obs, key = jnp.asarray(start_observation(scene)[None]), jax.random.key(seed)
-        number = 0
+        obs, key = jnp.asarray(start_observation(load_scene(scene, OFFICIAL))[None]), jax.random.key(seed)
+        number, blocks = 0, len(scene.eliminable_blocks)
         while True:
             sampled = agent.sample_action(state, jax.random.fold_in(key, number), obs, PLANS_AT_ONCE).action
-            times = action_to_times(np.asarray(sampled), scene.limits.blocks)
-            tenths = plan_to_steps(times, DECISIONS_PER_SECOND, "in_advance")
-            tenths[:, len(scene.eliminable_blocks) :] = NEVER
+            steps = plan_to_steps(action_to_times(np.asarray(sampled)), DECISIONS_PER_SECOND, "in_advance")
+            tenths = np.full((len(steps), scene.limits.blocks), NEVER)
+            tenths[:, :blocks] = steps[:, :blocks]
             yield from np.where(tenths == NEVER, np.nan, tenths / DECISIONS_PER_SECOND).tolist()
             number += 1
 

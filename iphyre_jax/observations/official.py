@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes import Scene, load_scene
-from iphyre_jax.scenes.limits import OFFICIAL
+from iphyre_jax.scenes import Scene
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
@@ -126,6 +125,6 @@ def observation(
 
 
 def start_observation(scene: Scene) -> npt.NDArray[np.float32]:
-    """Return the observation of a scene before its first step, (120,) float32; ValueError if it has more objects."""
-    features = scene_features(load_scene(scene, OFFICIAL))
+    """Return the observation of a scene before its first step, (120,) float32."""
+    features = scene_features(scene)
     return observation(features, features.position, np.zeros(len(features.present)), features.present)

@@ -97,6 +97,19 @@ def test_a_scene_is_never_replaced_by_a_manifest(
     assert scene.read_bytes() == before
 
 
+def test_a_policy_plans_for_a_scene_with_larger_limits(tmp_path: Path) -> None:
+    large = {**scene_to_dict(load_scene("hole")), "limits": {"objects": 16, "blocks": 8}}
+    (tmp_path / "large.json").write_text(json.dumps(large))
+    options = ["--distribution", "policy", "--policy", "ppo-i", "--successes", "2", "--failures", "0"]
+    for game in ("hole", str(tmp_path / "large.json")):
+        assert run(["collect", game, *options, "--out", str(tmp_path / "plays.npz")]) == 0
+        plays = load_dataset(tmp_path / "plays.npz")
+        assert plays.success.all()
+        if game == "hole":
+            steps = plays.steps
+    np.testing.assert_array_equal(plays.steps, np.pad(steps, ((0, 0), (0, 2)), constant_values=-1))
+
+
 def test_plays_are_known_by_what_they_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plays = tmp_path / "plays.txt"
     append_play(plays, play_to_json(record(load_scene("hole"), [60, 60, 60, 60]), "somebody", {}))

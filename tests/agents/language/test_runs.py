@@ -238,7 +238,7 @@ def test_a_folder_holds_one_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"games": ("nowhere",)}, "games: expected one of"),
+        ({"games": ("nowhere",)}, "games: expected games of the package, got 'nowhere' (iphyre_jax.GAMES lists them)"),
         ({"games": ()}, "games: expected each game once"),
         ({"games": ("support", "support")}, "games: expected each game once"),
         ({"attempts": 0}, "attempts: expected a whole number"),
