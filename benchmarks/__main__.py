@@ -23,8 +23,9 @@ from benchmarks.workload import make_workload
 from iphyre_jax.checks import check_option
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
-from parity.command import options_as_json, progress_bar, report_console, require_at_least
+from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_output
 
+NAME = "benchmarks"  # of the report's files
 MIN_SECONDS = 0.3  # of a repeat
 MAX_SCALING_REPEATS = 3  # because a quarter of a million worlds take long
 STARTUP_WORLDS = 1024
@@ -79,7 +80,7 @@ class Options:
         games = self.games or iphyre_jax.GAMES
         for game in games:
             check_option("--games", game, iphyre_jax.GAMES)
-        self.out.mkdir(parents=True, exist_ok=True)  # before anything is measured
+        require_output(self.out, NAME)
         changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
         without = tuple(dict.fromkeys((*self.without, *(("jax2d",) if self.quick else ()))))
         return Options(**{**vars(self), "games": tuple(games), "without": without, **changes})
@@ -175,7 +176,7 @@ def measure_engines(options: Options, workloads: Sequence[tuple[str, ...]], resu
 def save_json(results: Results, folder: Path) -> Path:
     """Write the JSON; a reader sees the old file or the new one, never a part."""
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "benchmarks.json"
+    file = folder / f"{NAME}.json"
     replace_text(file, report.as_json(results))
     return file
 

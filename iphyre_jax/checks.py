@@ -183,6 +183,11 @@ def check_which(
     return index
 
 
+def cut(numbers: Any, least: int, most: int) -> Any:  # noqa: ANN401 - of NumPy or JAX
+    """Return whole numbers of any type as int32, cut to bounds before they are narrowed."""
+    return numbers.clip(max(least, 0) if numbers.dtype.kind == "u" else least, most).astype(np.int32)
+
+
 def check_rows(rows: Any, count: int) -> npt.NDArray[Any]:  # noqa: ANN401
     """Return indices or a mask of `count` rows as an array; ValueError in one line for anything else."""
     index = np.asarray(rows)

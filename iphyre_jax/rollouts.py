@@ -12,12 +12,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.checks import check_whole, show
+from iphyre_jax.checks import check_whole, cut, show
 from iphyre_jax.physics import eliminate, initial_state, step
 from iphyre_jax.physics.types import State, Timing, Topology, World, check_parts
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.rules import GOAL_Y
 
+_INT32 = np.iinfo(np.int32).min, np.iinfo(np.int32).max
 FAULT_OVERFLOW = 1  # more contact points at once than the topology has slots
 FAULT_NOT_FINITE = 2  # a position or velocity is infinite or not a number
 
@@ -135,8 +136,9 @@ def _checked_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -
         if not isinstance(steps, int | np.integer):
             raise ValueError(f"steps: expected one whole number, got {show(steps)}")
         check_whole("steps", steps, 0, topology.max_steps)
-    narrow = np.iinfo(np.int32)
-    return jnp.asarray(plan.clip(max(narrow.min, np.iinfo(plan.dtype).min), narrow.max).astype(np.int32))
+    if plan.dtype != np.int32 and plan.dtype.itemsize >= np.dtype(np.int32).itemsize:
+        plan = cut(plan, *_INT32)
+    return jnp.asarray(plan, jnp.int32)
 
 
 def rollout(topology: Topology, world: World, timing: Timing, plan: jax.Array, steps: jax.Array) -> EpisodeResult:

@@ -65,7 +65,12 @@ def main(arguments: Arguments) -> None:
         f"{len(varied)} variations": varied,
     }
     means = {policy.name: [_means(policy, scenes) for scenes in games.values()] for policy in policies}
-    parts = [_intro(policies[0]), _table(list(games), means), _seeds(arguments.runs), *_elsewhere(policies, arguments)]
+    parts = [
+        _intro(policies[0]),
+        _table(list(games), means),
+        _seeds(arguments.runs),
+        *_elsewhere(policies, arguments.runs),
+    ]
     counter = arguments.out / COUNTER
     if arguments.test:
         counted(counter)
@@ -150,12 +155,12 @@ def _seeds(root: Path) -> str:
     return f"## All seeds\n\n{text}\n\n{markdown_table(header, rows)}"
 
 
-def _elsewhere(policies: Sequence[Pretrained], arguments: Arguments) -> list[str]:
+def _elsewhere(policies: Sequence[Pretrained], root: Path) -> list[str]:
     """A sentence about policies that come from another training than the published seeds, if there are any."""
     commits = {}
     for policy in policies:
         trained = policy.origin["trained"]
-        files = (arguments.runs / policy.name).glob(f"seed-*/{runs.CONFIG}")
+        files = (root / policy.name).glob(f"seed-*/{runs.CONFIG}")
         if all(read_json_object(file)["started"] != trained["started"] for file in files):
             commits[policy.name] = trained["commit"][:8]
     listed = ", ".join(f"{name} (commit {commit})" for name, commit in commits.items())

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from iphyre_jax.scenes import SPLITS
-from iphyre_jax.train.reports.compare import Row, read, rows
+from iphyre_jax.train.reports.compare import KINDS, Row, read, rows
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.storage.pretrained import names
 
-GREEDY, SAMPLED = "greedy", "sampled"
+GREEDY, SAMPLED = KINDS
 _NEEDED: Final = ("basic", "unseen_basic")
 
 

@@ -105,10 +105,7 @@ def run(command: Analyse, console: Console) -> None:
             say(console, f"{what}: no rows in {command.rows}; its document stays as it is")
             continue
         text = DOCUMENTS[what](command, console)
-        text = (
-            text.rstrip("\n")
-            + f"\n\n## Origin of this document\n\n```json\n{json.dumps(provenance(), indent=1)}\n```\n"
-        )
+        text += f"\n## Origin of this document\n\n```json\n{json.dumps(provenance(), indent=1)}\n```\n"
         command.out.mkdir(parents=True, exist_ok=True)
         file = command.out / f"{what}.md"
         replace_text(file, text)

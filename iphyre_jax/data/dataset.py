@@ -32,7 +32,8 @@ from iphyre_jax.files import check_exist, pack_npz, parse_json, read_npz, replac
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
 from iphyre_jax.rules import NEVER
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes import Scene, load_scene, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes.library import ALL_GAMES
 
 SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
@@ -41,7 +42,6 @@ _HEAD: Final = 200  # bytes of NAME.json that hold its schema
 HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
 MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
-_PACKAGE_GAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
 ARRAYS: Final = {
     "game": ("int32",),
     "times": ("float32",),
@@ -124,7 +124,7 @@ def scene_sum(scene: Scene) -> str:
 
 def scene_entry(scene: Scene) -> dict[str, Any]:
     """Return the fields `scene` and `sha256` of a manifest: a game's name, or the contents of a scene file."""
-    own = scene.name in _PACKAGE_GAMES and scene == load_scene(scene.name)
+    own = scene.name in ALL_GAMES and scene == load_scene(scene.name)
     return {"scene": scene.name if own else scene_to_dict(scene), "sha256": scene_sum(scene)}
 
 
@@ -294,7 +294,7 @@ def _unpacked(manifest: Mapping[str, Any]) -> int:
 def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
     """Return the scene of an entry; a game of the package must still be what it was."""
     given = entry["scene"]
-    own = isinstance(given, str) and given in _PACKAGE_GAMES
+    own = isinstance(given, str) and given in ALL_GAMES
     scene = load_scene(given) if own else scene_from_dict(given, source)
     if (found := scene_sum(scene)) != entry["sha256"]:
         raise ValueError(f"{source}: sha256: expected {entry['sha256']}, but {scene.name} has {found}")

@@ -29,7 +29,7 @@ from iphyre_jax.data.sequences import rows_by_scene, tables
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scene
-from iphyre_jax.scenes.library import load_scenes
+from iphyre_jax.scenes.library import ALL_GAMES, load_scenes
 
 LISTS: Final = {True: "succeed_actions.npy", False: "fail_actions.npy"}
 MAX_BYTES: Final = 200_000_000  # of one file
@@ -80,16 +80,15 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
         game.mkdir(parents=True, exist_ok=True)
         for solved, name in LISTS.items():
             lists = action_lists(own.select(own.success == solved))
-            unused = range(own_limits(scene).blocks, own.times.shape[1])  # slots for other scenes of the set
+            unused = range(_own_limits(scene).blocks, own.times.shape[1])  # slots for other scenes of the set
             np.save(game / name, np.delete(lists, unused, axis=1))
         if own.poses is not None:
             _save_sequences(scene, own.select(np.argsort(~own.success, kind="stable")), game)
 
 
-def own_limits(scene: Scene) -> Limits:
+def _own_limits(scene: Scene) -> Limits:
     """Return the limits with which a scene's lists are read again; in a set it has those that cover all scenes."""
-    known = any(scene.name in games for games in SPLITS.values())
-    return load_scene(scene.name).limits if known else scene.limits
+    return load_scene(scene.name).limits if scene.name in ALL_GAMES else scene.limits
 
 
 def _save_sequences(scene: Scene, dataset: Dataset, game: Path) -> None:

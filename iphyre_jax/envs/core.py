@@ -18,13 +18,13 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, show
+from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, cut, show
 from iphyre_jax.envs.arguments import check_game, check_key, check_params, check_state
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.host.worlds import HostWorlds
 from iphyre_jax.envs.params import EnvParams, EnvState, Worlds
 from iphyre_jax.envs.protocols import EpisodeProtocol
-from iphyre_jax.envs.spaces import Box, Space, cut
+from iphyre_jax.envs.spaces import Box, Space
 from iphyre_jax.envs.strategies import Ending, Strategy
 from iphyre_jax.envs.traced.worlds import TracedWorlds
 from iphyre_jax.execution.forks import check_fork

@@ -22,7 +22,7 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
-from iphyre_jax.scenes.library import looks_like_path
+from iphyre_jax.scenes.library import ALL_GAMES, looks_like_path
 
 _MOST_EPISODES = 1_000_000  # of each game
 
@@ -188,8 +188,7 @@ def _games(split: object) -> object:
             return GAMES
         if split in SPLITS:
             return SPLITS[split]
-        known = any(split in games for games in SPLITS.values())
-        if not known and not looks_like_path(split):
+        if split not in ALL_GAMES and not looks_like_path(split):
             raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {show(split)}")
     if not isinstance(split, str | PathLike | Sequence):
         raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {show(split)}")

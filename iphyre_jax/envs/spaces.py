@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_instance, check_option, check_real, check_whole
+from iphyre_jax.checks import check_instance, check_option, check_real, check_whole, cut
 from iphyre_jax.memory import check_memory
 
 MAX_AXIS = 2**31 - 1
@@ -125,11 +125,6 @@ class Discrete:
 
 
 Space = Box | Discrete
-
-
-def cut(numbers: Any, least: int, most: int) -> Any:  # noqa: ANN401 - of NumPy or JAX
-    """Return whole numbers of any type as int32, cut to bounds before they are narrowed."""
-    return numbers.clip(max(least, 0) if numbers.dtype.kind == "u" else least, most).astype(np.int32)
 
 
 def _checked(value: object, shape: tuple[int, ...], kinds: Sequence[type[np.generic]], wanted: str) -> Any:  # noqa: ANN401

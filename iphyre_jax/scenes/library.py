@@ -45,7 +45,7 @@ GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen
 SceneLike = str | os.PathLike[str] | Scene
 """The name of a game, the path of a scene file, or a scene."""
 
-_ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
+ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
 
 
 @cache
@@ -74,7 +74,7 @@ def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:
     """
     if limits is not None:
         check_limits(limits)
-    if isinstance(scene, str) and scene in _ALL_GAMES:
+    if isinstance(scene, str) and scene in ALL_GAMES:
         scene = _package_game(scene)
     if isinstance(scene, Scene):
         return scene if limits in (None, scene.limits) else replace(scene, limits=limits)
@@ -119,5 +119,5 @@ def _unknown_game(name: str) -> str:
 
 def hint(name: str) -> str:
     """Return a hint for who has misspelled the name of a game."""
-    close = get_close_matches(name[:100], _ALL_GAMES, n=3)
+    close = get_close_matches(name[:100], ALL_GAMES, n=3)
     return f"did you mean {' or '.join(close)}?" if close else "iphyre_jax.GAMES lists them"

@@ -11,8 +11,8 @@ from iphyre_jax.agents.language.calls import CallSettings
 from iphyre_jax.agents.language.prompts import PHYSICS_FPS, VERSION, Base, Prompt, Shown, Strategy
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.checks import check_whole, show
-from iphyre_jax.scenes import GAMES, SPLITS, load_scene
-from iphyre_jax.scenes.library import hint
+from iphyre_jax.scenes import GAMES, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES, hint
 
 RATES: Final = (60, 10)
 MOST_ATTEMPTS: Final = 100
@@ -49,9 +49,8 @@ class RunSettings:
     call: CallSettings = field(default_factory=CallSettings)
 
     def __post_init__(self) -> None:
-        known = [*GAMES, *SPLITS["unseen_basic"]]
         for game in self.games:
-            if game not in known:
+            if game not in ALL_GAMES:
                 raise ValueError(f"games: expected games of the package, got {show(game)} ({hint(str(game))})")
         if not self.games or len(set(self.games)) < len(self.games):
             raise ValueError(f"games: expected each game once, and at least one, got {show(self.games)}")

@@ -99,7 +99,7 @@ def document(folder: Path) -> str:
             f"## By number of plans, all forty games: first try / best of {TRIES}",
             _curves(folder),
             "## People",
-            _people(compared, planners, rates),
+            _people(compared, planners, rates) + "\n",
         ]
     )
 

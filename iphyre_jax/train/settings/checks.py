@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
-from iphyre_jax.scenes.library import hint
+from iphyre_jax.scenes.library import ALL_GAMES, hint
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS, DQN, OffPolicy, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
@@ -112,8 +112,7 @@ def _check_choices(config: TrainConfig) -> None:
 
 def _check_games(config: TrainConfig) -> None:
     """Refuse games that do not exist, scene files that are not valid and rates that do not fit."""
-    known = {game for games in SPLITS.values() for game in games}
-    for game in set(config.games) - known:
+    for game in set(config.games).difference(ALL_GAMES):
         if not Path(game).is_file():
             raise ValueError(
                 f"games: expected names of games of the package or scene files, got {show(game)} ({hint(game)})"
