@@ -12,6 +12,7 @@ from rich.console import Console
 
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
+from iphyre_jax.files import check_output
 from iphyre_jax.models.outcome import compare, storage
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, play_sets
 from iphyre_jax.models.outcome.report import TITLES, cell
@@ -75,6 +76,7 @@ def run(command: ClassifierCommand, console: Console) -> int:
 def _run(action: Train | Evaluate | Compare, console: Console) -> None:
     """Run one of the three."""
     if isinstance(action, Compare):
+        check_output("out", action.out, ())
         compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
         return
     if isinstance(action, Train):

@@ -14,6 +14,7 @@ from rich.console import Console
 from iphyre_jax.analyses import oracle
 from iphyre_jax.cli.console import option, say
 from iphyre_jax.cli.signals import resumable
+from iphyre_jax.files import check_output
 from iphyre_jax.models.sequence import compare, report, storage
 from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import Comparison
@@ -77,6 +78,7 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
     """Run one of the three."""
     if isinstance(action, Compare):
         best = {fps: best_known(fps) for fps in oracle.RATES}
+        check_output("out", action.out, ())
         compare.compare(Comparison(action.root, action.out, action.weights), best, console, action.only)
         return
     if isinstance(action, Train):

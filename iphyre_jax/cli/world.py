@@ -127,6 +127,7 @@ def _run(action: Train | Evaluate | Compare | PlanInModel | Film, console: Conso
     elif isinstance(action, Evaluate):
         _evaluate(action, console)
     elif isinstance(action, Compare):
+        check_output("out", action.out, ())
         compare.compare(Comparison(action.root, action.out, action.weights), console, action.only)
     elif isinstance(action, PlanInModel):
         _plan(action, console)

@@ -18,15 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import (
-    check_output,
-    pack_npz,
-    read_json_object,
-    read_npz,
-    read_versioned,
-    replace_bytes,
-    replace_json,
-)
+from iphyre_jax.files import pack_npz, read_json_object, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.settings import S, settings_of
 from iphyre_jax.provenance import provenance
@@ -49,18 +41,11 @@ class Comparison:
         root: folder of the run folders and of the data sets.
         out: the document.
         weights: folder for the best model of each row that ships; None to ship nothing.
-
-    Raises:
-        ValueError: the document cannot be written; one line, before anything is trained.
     """
 
     root: Path
     out: Path
     weights: Path | None = None
-
-    def __post_init__(self) -> None:
-        """Check the document."""
-        check_output("out", self.out, ())
 
     @property
     def published(self) -> Path:
