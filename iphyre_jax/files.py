@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import json
 import math
 import os
 import secrets
-import socket
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +22,6 @@ from iphyre_jax.checks import one_line, show
 
 MAX_JSON_BYTES: Final = 1_000_000  # of a scene, a play, a request
 MAX_JSON: Final = 2 * MAX_JSON_BYTES  # of a file of our own; parsed, it takes some 60 MB at most
-LOCK: Final = ".lock"
 _BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
@@ -224,6 +223,12 @@ def naming(file: Path, draft: Path | None = None) -> Iterator[None]:
         raise
 
 
+def file_sum(file: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal digits; OSError if it cannot be read."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
 def check_exist(*files: Path) -> None:
     """Raise FileNotFoundError, as opening it would, for the first of some files that is missing."""
     for file in files:
@@ -256,65 +261,3 @@ def replace_text(path: Path, text: str) -> None:
 def replace_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON in place of an older file; it is whole at any moment."""
     replace_text(path, json.dumps(content, indent=1) + "\n")
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes that ask for the same lock out of a folder, by a file `.lock` in it.
-
-    The system drops the lock when its process ends, however it ends: what a killed process leaves is taken over. Where
-    the file system knows no locks (some network ones) or Python has none (Windows), nothing is kept out.
-
-    Raises:
-        BlockingIOError: another process holds it; one line that names the process and its machine.
-        OSError: the file cannot be written.
-    """
-    with lock_file(folder / LOCK):
-        yield
-
-
-@contextmanager
-def lock_file(path: Path) -> Iterator[None]:
-    """Do what `locked` does, by another file."""
-    handle = _take_lock(path)
-    while handle is not None and not _still_there(path, handle):  # its holder has just ended and removed it
-        os.close(handle)
-        handle = _take_lock(path)
-    if handle is None:
-        yield
-        return
-    try:
-        with suppress(OSError):  # a full disk: the next one is refused without a name
-            os.ftruncate(handle, 0)
-            os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
-        yield
-    finally:
-        path.unlink(missing_ok=True)
-        os.close(handle)
-
-
-def _take_lock(path: Path) -> int | None:
-    """Open and lock a file; None where there are no locks."""
-    try:
-        import fcntl  # not on Windows
-    except ImportError:
-        return None
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        holder = one_line(os.pread(handle, 200, 0).decode(errors="replace")) or "another process"
-        os.close(handle)
-        raise BlockingIOError(f"{path.parent}: expected a folder that nobody uses, but {holder} does") from None
-    except OSError:
-        os.close(handle)
-        return None
-    return handle
-
-
-def _still_there(path: Path, handle: int) -> bool:
-    """Whether an open file is the one that has this name."""
-    try:
-        return os.fstat(handle).st_ino == path.stat().st_ino
-    except FileNotFoundError:
-        return False

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import MAX_JSON, read_versioned, replace_json
+from iphyre_jax.files import read_versioned, replace_json
 from iphyre_jax.provenance import provenance
 
 SCHEMA: Final = "iphyre_jax/analysis-row"
@@ -48,7 +48,7 @@ def read_row(file: Path, settings: Mapping[str, Any] | None = None) -> Row:
         ValueError: it holds a row of other settings, or something else; one line.
         OSError: it cannot be read.
     """
-    content = read_versioned(file, SCHEMA, (VERSION,), MAX_JSON)
+    content = read_versioned(file, SCHEMA, (VERSION,))
     row = content.get("row")
     if not isinstance(row, dict):
         raise ValueError(f"{file}: row: expected an object, got {show(row)}")

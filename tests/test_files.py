@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from iphyre_jax.files import LOCK, locked, read_npz, replace_bytes, replace_json
+from iphyre_jax.files import read_npz, replace_bytes, replace_json
+from iphyre_jax.locks import LOCK, locked
 
 MOST = 2**20
 

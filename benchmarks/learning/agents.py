@@ -25,6 +25,7 @@ from benchmarks.learning.rows import TableName, rows, without_sums
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.memory import forget_programs
+from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.train import loop
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.pool import with_sum
@@ -32,7 +33,7 @@ from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import runs
-from iphyre_jax.train.storage.pretrained import PLAYED, rounded, save_pretrained
+from iphyre_jax.train.storage.pretrained import rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState
 
 SEEDS: Final = 5
@@ -110,7 +111,7 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
     else:
         state = finished_run(folder, config, console)
         as_run = runs.read_config(folder)  # with the sums of its files
-        runs.write_evaluation(folder, as_run, evaluate(as_run, state.learner, PLAYED), int(state.update))
+        runs.write_evaluation(folder, as_run, evaluate(as_run, state.learner, ALL_GAMES), int(state.update))
     runs.publish(folder, published)
 
 
@@ -122,7 +123,7 @@ def is_evaluated(folder: Path, updates: int) -> bool:
     if not (folder / runs.EVALUATION).is_file():
         return False
     trained = read_json_object(folder / runs.EVALUATION).get("updates trained")
-    return str(trained).startswith(f"{updates} of {updates},") and set(PLAYED) <= set(compare.read(folder).games)
+    return str(trained).startswith(f"{updates} of {updates},") and set(ALL_GAMES) <= set(compare.read(folder).games)
 
 
 def is_published(folder: Path, config: TrainConfig) -> bool:
@@ -156,7 +157,7 @@ def export_best(arguments: Arguments, name: str) -> None:
         "trained": {key: about[key] for key in ("started", "versions", "device", "machine", "commit")},
     }
     kept = rounded(config, state.learner)
-    save_pretrained(name, config, kept, evaluate(config, kept, PLAYED).to_json(), origin, arguments.weights)
+    save_pretrained(name, config, kept, evaluate(config, kept, ALL_GAMES).to_json(), origin, arguments.weights)
 
 
 def main(arguments: Arguments) -> None:

@@ -14,11 +14,12 @@ import numpy as np
 from benchmarks import plots
 from benchmarks.learning.rows import PREDICTIONS, controllers, without_sums
 from iphyre_jax.files import read_json_object
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import provenance
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import TITLES as SPLIT_TITLES
-from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import markdown_table
 from iphyre_jax.train.reports.statistics import Summary
 from iphyre_jax.train.storage import logs, runs
 

@@ -49,7 +49,7 @@ from iphyre_jax.attempts.agents import draw_randomly
 from iphyre_jax.attempts.protocol import Agent
 from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
 from iphyre_jax.execution.configuration import configure
-from iphyre_jax.files import replace_text
+from iphyre_jax.files import file_sum, replace_text
 from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
 from iphyre_jax.models.outcome.plays.augmented import scenes_of
 from iphyre_jax.models.outcome.plays.proposals import proposals_of
@@ -64,7 +64,6 @@ from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
-from iphyre_jax.train.storage.manifest import sum_of
 from iphyre_jax.train.storage.pretrained import WEIGHTS, load_pretrained
 
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
@@ -193,9 +192,9 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
 def _shipped(fps: int) -> dict[str, Policy]:
     """The shipped policy at a rate, without and with the classifier that ships for this rate."""
     policy = load_pretrained(SHIPPED)
-    config, sums = replace(policy.config, fps=fps, resets=RESETS[fps]), {"sha256": sum_of(WEIGHTS / f"{SHIPPED}.npz")}
+    config, sums = replace(policy.config, fps=fps, resets=RESETS[fps]), {"sha256": file_sum(WEIGHTS / f"{SHIPPED}.npz")}
     plain, name = Policy(config, policy.state, sums=sums), ranker_config(fps).name
-    with_ranker = {**sums, "ranker_sha256": sum_of(RANKERS / f"{name}.npz")}
+    with_ranker = {**sums, "ranker_sha256": file_sum(RANKERS / f"{name}.npz")}
     ranked = replace(plain, ranker=load_classifier(name), ranking=Ranking(REFINEMENTS[fps]), sums=with_ranker)
     return {SHIPPED: plain, SHIPPED_RANKED: ranked}
 

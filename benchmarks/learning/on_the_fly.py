@@ -25,6 +25,7 @@ from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import SPLITS, Scene
+from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.train.algos.base import without_value
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import PolicyFn, PolicyOutput, rollout_collector
@@ -33,7 +34,7 @@ from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
 from iphyre_jax.train.reports.statistics import Summary
 from iphyre_jax.train.scenes import variations
 from iphyre_jax.train.storage import runs
-from iphyre_jax.train.storage.pretrained import PLAYED, WEIGHTS, Pretrained, load_pretrained, save_pretrained
+from iphyre_jax.train.storage.pretrained import WEIGHTS, Pretrained, load_pretrained, save_pretrained
 
 POLICIES: Final = ("ppo-o", "a2c-o", "sac-o", "dqn-o")
 SAMPLES: Final = 20  # episodes of a scene with sampled actions
@@ -185,7 +186,7 @@ def counted(file: Path) -> None:
 
 def _evaluated(policy: Pretrained) -> Pretrained:
     """Play all games and write the scores of the shipped weights anew."""
-    scores: dict[str, Any] = policy.evaluate(PLAYED).to_json()
+    scores: dict[str, Any] = policy.evaluate(ALL_GAMES).to_json()
     origin = {key: value for key, value in policy.origin.items() if key != "evaluated"}
     save_pretrained(policy.name, policy.config, policy.state, scores, origin, WEIGHTS)
     return load_pretrained(policy.name)

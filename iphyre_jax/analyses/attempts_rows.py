@@ -30,8 +30,9 @@ from iphyre_jax.models.world import storage as world_models
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.planning import PLANS
 from iphyre_jax.models.world.plays import FPS as IMAGINED
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.scenes import GAMES
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 from iphyre_jax.train.storage.pretrained import load_pretrained, names
 
 MOST: Final = 100  # attempts of random plans and sampled policies
@@ -85,7 +86,7 @@ def specifications(fps: int) -> dict[str, Specification]:
         first = {**common, **shipped_model("policy", name), "k": 10, "runs": 5, "greedy_first": True}
         if name.endswith("-o"):
             first["greedy"] = "median of what is left"  # rows by an earlier rule have other settings
-        found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common, True)
+        found[f"{name}, greedy first"] = first, partial(_policy, name, 10, 5, common)
     return found
 
 
@@ -112,10 +113,10 @@ def _learning(name: str, pretrained: bool, k: int, runs: int, common: Mapping[st
     return FineTuned(policy.config, policy.state if pretrained else None).attempts(k, runs=runs, **common)
 
 
-def _policy(name: str, k: int, runs: int, common: Mapping[str, Any], greedy_first: bool) -> Attempts:
-    """Attempts of a shipped policy."""
+def _policy(name: str, k: int, runs: int, common: Mapping[str, Any]) -> Attempts:
+    """Attempts of a shipped policy, the greedy one first."""
     policy = load_pretrained(name)
-    return policy_attempts(policy.config, policy.state, k, runs=runs, greedy_first=greedy_first, **common)
+    return policy_attempts(policy.config, policy.state, k, runs=runs, greedy_first=True, **common)
 
 
 def file_stem(name: str) -> str:
@@ -187,7 +188,7 @@ def _games_table(rows: Mapping[str, Row], fps: int) -> str:
         wide = _spread([float(auccess(_curve(row, game, MOST))) for game in GAMES]) if most == MOST else "-"
         best = [row["best_reward"][game][:PEOPLE][-1] for game in GAMES]
         cells.append([name, *solved, wide, f"{np.mean(best):.1f}" if most >= PEOPLE else "-"])
-    if fps in (60,):
+    if fps == 60:  # as people played
         people = success_of_people()
         stated = paper_numbers()["agents"]["Human"]["all"]
         cells.append(

@@ -16,13 +16,13 @@ from iphyre_jax.analyses.figures import COLUMNS, by_split, pearson, share
 from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.analyses.seeds import SAMPLED, unseen_difference
 from iphyre_jax.analyses.shipped import Policy
-from iphyre_jax.analyses.tables import paper_facts
 from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.kept_rows import Row
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.compare import Row as Seeds
 from iphyre_jax.train.reports.compare import difference
-from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import markdown_table
 from iphyre_jax.train.reports.statistics import Summary
 
 NEAR: Final = 50.0  # points between means that count as near, or as even
@@ -183,9 +183,8 @@ def _holds(holds: bool) -> str:
 
 def _unseen(seeds: Mapping[str, Seeds]) -> Claim:
     """Unseen basic against basic, the paper's agents and ours."""
-    stated = {
-        name: pair["unseen"] - pair["basic"] for name, pair in paper_facts()["unseen_basic"].items() if name != "Random"
-    }
+    pairs = {name: pair for name, pair in paper_numbers()["unseen_basic"].items() if name != "Random"}
+    stated = {name: pair["unseen"] - pair["basic"] for name, pair in pairs.items()}
     near = sum(change > -NEAR for change in stated.values())
     ours = {name: _estimate(unseen_difference(seeds[name])) for name in ("ppo-i", "ppo-i-objects", "ppo-i-smooth")}
     figures = ", ".join(f"{name} {change:.0f}" for name, change in stated.items())
@@ -216,7 +215,7 @@ def _failures(policies: Sequence[Policy], oracle: Mapping[str, Row]) -> Claim:
 
 def _classifiers() -> list[Claim]:
     """The paper's outcome classifiers against chance, and vision against the rest."""
-    stated = paper_facts()["classifiers"]
+    stated = paper_numbers()["classifiers"]
     new = {
         f"{name} {split}": each for name, scores in stated.items() for split, each in zip(COLUMNS, scores, strict=False)
     }
@@ -246,7 +245,7 @@ def _classifiers() -> list[Claim]:
 
 def _language_model() -> Claim:
     """Two solved games cannot give three means above zero."""
-    means = dict(zip([split for split in COLUMNS if split != "all"], paper_facts()["language_model"], strict=True))
+    means = dict(zip([split for split in COLUMNS if split != "all"], paper_numbers()["language_model"], strict=True))
     positive = [split for split, mean in means.items() if mean > 0]
     return Claim(
         "The language model solves support and noisy_support only",

@@ -20,9 +20,10 @@ from iphyre_jax.analyses.search import play_plans_of
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.kept_rows import Row, kept_row
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, load_scene
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 WANTED: Final = 50  # of each kind
 CAP: Final = 20_000  # plans

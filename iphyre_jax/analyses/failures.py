@@ -15,8 +15,8 @@ from iphyre_jax.analyses.figures import COLUMNS, share
 from iphyre_jax.analyses.oracle import orders_of
 from iphyre_jax.analyses.orders import BlockOrder
 from iphyre_jax.analyses.shipped import Policy
-from iphyre_jax.analyses.tables import paper_facts
 from iphyre_jax.kept_rows import Row
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 
@@ -93,7 +93,7 @@ def document(policies: Sequence[Policy], oracles: Mapping[int, Mapping[str, Row]
                 cells.append([policy.name, *(str(counts[source]) for source in SOURCES)])
             parts += [f"### {TITLES[split]}: games", markdown_table(["policy", *SOURCES], cells)]
         parts += ["### Failures by timing alone, three definitions", _definitions(chosen, oracle)]
-    shares = ", ".join(f"{value:.2f}" for value in paper_facts()["failures_by_timing"])
+    shares = ", ".join(f"{value:.2f}" for value in paper_numbers()["failures_by_timing"])
     parts.append(f"The paper states {shares} % for PPO, A2C and SAC, and does not define the right order.")
     return "\n\n".join(parts) + "\n"
 

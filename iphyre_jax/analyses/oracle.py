@@ -19,9 +19,10 @@ from iphyre_jax.analyses.search import decide, search_plans
 from iphyre_jax.analyses.slack import slack_of
 from iphyre_jax.files import read_json_object, read_versioned, replace_text
 from iphyre_jax.kept_rows import Row, kept_row
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import GAMES, load_scene
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 SCHEMA: Final = "iphyre_jax/oracle"
 VERSION: Final = 1

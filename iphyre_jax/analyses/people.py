@@ -6,13 +6,14 @@ failure, three or four removals and 15 s.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 from iphyre_jax.analyses.figures import COLUMNS, by_split
 from iphyre_jax.analyses.oracle import shipped
-from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.paper import paper_numbers
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.scenes.library import SPLIT_OF
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 FAILURE: Final = -40.0  # points of a typical failure
 FPS: Final = 60
@@ -37,9 +38,8 @@ def document() -> str:
         [TITLES[split], f"{stated[split][0]:.2f}", f"{stated[split][1]:.2f}", f"{100 * derived[split]:.1f}"]
         for split in COLUMNS
     ]
-    split_of: Mapping[str, Any] = {game: split for split, games in SPLITS.items() for game in games}
     hardest = sorted(GAMES, key=lambda game: rates[game])
-    games = [[game, TITLES[split_of[game]], f"{points[game]:.1f}", f"{100 * rates[game]:.1f}"] for game in hardest]
+    games = [[game, TITLES[SPLIT_OF[game]], f"{points[game]:.1f}", f"{100 * rates[game]:.1f}"] for game in hardest]
     return (
         "\n\n".join(
             [

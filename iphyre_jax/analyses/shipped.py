@@ -8,8 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from iphyre_jax.files import read_json_object
-from iphyre_jax.train.storage.manifest import sum_of
+from iphyre_jax.files import file_sum, read_json_object
 from iphyre_jax.train.storage.pretrained import WEIGHTS, names
 
 
@@ -56,7 +55,7 @@ def shipped_model(kind: str, name: str, weights: Path = WEIGHTS) -> dict[str, An
         name: of the model.
         weights: folder of its kind.
     """
-    return {kind: name, "sha256": sum_of(weights / f"{name}.npz"), "seed": 0}
+    return {kind: name, "sha256": file_sum(weights / f"{name}.npz"), "seed": 0}
 
 
 @cache

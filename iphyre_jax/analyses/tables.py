@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.resources import files
-from typing import Any
 
 from iphyre_jax.analyses.figures import by_split
 from iphyre_jax.analyses.seeds import GREEDY, unseen_difference
 from iphyre_jax.analyses.shipped import Policy
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.compare import Row
-from iphyre_jax.train.reports.report import markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import markdown_table
 from iphyre_jax.train.settings.run import STRATEGY_LETTERS
-
-
-@cache
-def paper_facts() -> Mapping[str, Any]:
-    """The paper's figures beside its table of rewards: unseen basic, outcome classifiers, language model, failures."""
-    facts: Mapping[str, Any] = json.loads(files(__package__).joinpath("paper.json").read_text("utf-8"))
-    return facts
 
 
 def paper_name(policy: Policy) -> str:
@@ -69,7 +59,7 @@ def within_template_document(rows: Mapping[str, Row]) -> str:
         tables += [f"## Ours, {fps} steps a second, greedy", markdown_table(header, cells)]
     stated = [
         [name, f"{pair['basic']:.2f}", f"{pair['unseen']:.2f}", f"{pair['unseen'] - pair['basic']:.2f}"]
-        for name, pair in paper_facts()["unseen_basic"].items()
+        for name, pair in paper_numbers()["unseen_basic"].items()
     ]
     return (
         "\n\n".join(
@@ -81,7 +71,7 @@ def within_template_document(rows: Mapping[str, Row]) -> str:
                 *tables,
                 "## Paper, 10 steps a second, one episode a game",
                 markdown_table(["agent", "basic", "unseen basic", "difference"], stated),
-                f"The paper lists {paper_facts()['unseen_basic']['A2C-C']['basic']} for A2C-C on basic here, and "
+                f"The paper lists {paper_numbers()['unseen_basic']['A2C-C']['basic']} for A2C-C on basic here, and "
                 f"{paper_numbers()['agents']['A2C-C']['basic'][0]} in its table of the forty games.",
             ]
         )

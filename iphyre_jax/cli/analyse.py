@@ -30,11 +30,10 @@ from iphyre_jax.analyses.imagination import report as imagination
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.ask import Ask
 from iphyre_jax.cli.console import option, say
-from iphyre_jax.files import replace_text
+from iphyre_jax.files import file_sum, replace_text
 from iphyre_jax.kept_rows import Row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
-from iphyre_jax.train.storage.manifest import sum_of
 
 What = Literal[
     "oracle",
@@ -167,7 +166,7 @@ def _replies(fps: int) -> dict[str, attempts_rows.Specification]:
     settings, file = Ask().settings(), transcripts.handwritten_file()
     if fps != settings.fps:
         return {}
-    decides = {**settings.to_json(), "replies": sum_of(file)}
+    decides = {**settings.to_json(), "replies": file_sum(file)}
     return {"hand-written replies": (decides, lambda: runs.run(settings, Replay(file, settings)).played[0])}
 
 

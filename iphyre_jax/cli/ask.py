@@ -20,7 +20,8 @@ from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.cli.console import option, refuse_unread, say
 from iphyre_jax.cli.signals import resumable
-from iphyre_jax.files import check_apart, locked, replace_json, replace_text
+from iphyre_jax.files import check_apart, replace_json, replace_text
+from iphyre_jax.locks import locked
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 

@@ -24,6 +24,7 @@ from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
@@ -155,7 +156,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Evaluate):
         config, state = _policy(command)
         check_writable(command.run, str(command.run))
-        games = (*GAMES, *SPLITS["unseen_basic"]) if command.unseen else GAMES
+        games = ALL_GAMES if command.unseen else GAMES
         if command.attempts is not None:
             check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
         _evaluate_and_report(command.run, config, state, games, console, command.ensemble)
@@ -248,13 +249,13 @@ def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], 
 def verify_pretrained(name: str, console: Console) -> int:
     """Play a policy of the package on its fifty games; return 0 if all scores equal the published ones, else 1."""
     policy = pretrained.load_pretrained(name)
-    with console.status(f"evaluating on {len(pretrained.PLAYED)} games"):
-        evaluation = evaluate(policy.config, policy.state, pretrained.PLAYED)
+    with console.status(f"evaluating on {len(ALL_GAMES)} games"):
+        evaluation = evaluate(policy.config, policy.state, ALL_GAMES)
     _print_splits(evaluation, policy.config, console)
     different = pretrained.differences(policy, evaluation)
     for line in different:
         say(console, line)
-    say(console, f"{len(different)} of {2 * len(pretrained.PLAYED)} scores differ from the published ones.")
+    say(console, f"{len(different)} of {2 * len(ALL_GAMES)} scores differ from the published ones.")
     return 1 if different else 0
 
 
@@ -265,7 +266,7 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
     table.add_column()
     for split in COLUMNS:
         table.add_column(TITLES[split], justify="right")
-    for row in split_rows(evaluation, config):
+    for row in split_rows(evaluation):
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
     print_table(console, table)
     say(console, compare.RATES_OF_PAPER)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import show
 from iphyre_jax.compat.world import SteppedWorld
-from iphyre_jax.physics.constants import MASS
+from iphyre_jax.physics.constants import BAR_RADIUS, MASS
 from iphyre_jax.rules import GOAL_Y
 from iphyre_jax.scenes import Scene
 
@@ -127,7 +127,7 @@ def block_at(scene: Scene, x: float, y: float, alive: npt.NDArray[np.bool_]) -> 
         axis = (first - last) / np.linalg.norm(first - last)
         away = np.array([x, y]) - (first + last) / 2
         along, across = away @ axis, away[0] * axis[1] - away[1] * axis[0]
-        if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < 10:
+        if alive[block] and abs(along) < np.linalg.norm(first - last) / 2 and abs(across) < BAR_RADIUS:
             return block
     return None
 

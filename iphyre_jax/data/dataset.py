@@ -33,7 +33,7 @@ from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
 from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene, load_scene, scene_from_dict, scene_to_dict
-from iphyre_jax.scenes.library import ALL_GAMES
+from iphyre_jax.scenes.library import ALL_GAMES, is_game
 
 SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
@@ -124,8 +124,7 @@ def scene_sum(scene: Scene) -> str:
 
 def scene_entry(scene: Scene) -> dict[str, Any]:
     """Return the fields `scene` and `sha256` of a manifest: a game's name, or the contents of a scene file."""
-    own = scene.name in ALL_GAMES and scene == load_scene(scene.name)
-    return {"scene": scene.name if own else scene_to_dict(scene), "sha256": scene_sum(scene)}
+    return {"scene": scene.name if is_game(scene) else scene_to_dict(scene), "sha256": scene_sum(scene)}
 
 
 def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:

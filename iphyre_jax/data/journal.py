@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import locked, read_npz, replacing
+from iphyre_jax.files import read_npz, replacing
+from iphyre_jax.locks import locked
 from iphyre_jax.provenance import CORE, versions
 
 _ENTRY: Final = re.compile(r"[0-9a-f]{64}\.npz|\.[0-9a-f]{64}\.[0-9a-f]{8}\.part\.npz")  # or the draft of one

@@ -28,7 +28,7 @@ from iphyre_jax.data.recipe import Recipe, check_poses, check_recipe
 from iphyre_jax.data.sequences import rows_by_scene, tables
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
-from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, load_scene
+from iphyre_jax.scenes import Limits, Scene, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES, load_scenes
 
 LISTS: Final = {True: "succeed_actions.npy", False: "fail_actions.npy"}
@@ -134,7 +134,7 @@ def load_official(
     if not isinstance(folder, str | os.PathLike) or not Path(folder).is_dir():
         raise ValueError(f"folder: expected a folder with a folder for each game, got {show(folder)}")
     if games is None:
-        known = (*GAMES, *SPLITS["unseen_basic"])
+        known = ALL_GAMES
         games = sorted(path.name for path in Path(folder).iterdir() if path.is_dir() and path.name in known)
         if not games:
             raise ValueError(f"folder: expected a folder for a game in {show(str(folder))}, got none")

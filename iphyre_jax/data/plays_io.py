@@ -28,6 +28,7 @@ from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock, steps_to_times
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
+from iphyre_jax.scenes.library import is_game
 from iphyre_jax.viewer.line_files import read_lines
 from iphyre_jax.viewer.plays import Play, is_name
 
@@ -130,7 +131,7 @@ def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> N
         scene, result = play.scene, play.result
         if play.fps != FPS or result is None:
             raise ValueError(f"plays[{number}]: expected a play at {FPS} steps a second with its result")
-        if not _is_game(scene):
+        if not is_game(scene):
             raise ValueError(f"plays[{number}]: expected a game of the package, got the scene {show(scene.name)}")
         executed = [(step, block) for step, block in zip(play.plan, scene.eliminable_blocks, strict=True) if step >= 0]
         last, centres = int(str(result["steps"])), scene.centres
@@ -139,13 +140,6 @@ def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> N
         fields = (play.agent, scene.name, episode, clicks, result["reward"])
         lines.append(json.dumps(dict(zip(FIELDS, fields, strict=True))))
     replace_text(Path(path), "".join(f"{line}\n" for line in lines))
-
-
-def _is_game(scene: Scene) -> bool:
-    try:
-        return scene == load_scene(scene.name)
-    except (ValueError, OSError):
-        return False
 
 
 def dataset_from_plays(plays: Iterable[Play]) -> Dataset:

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import Scene
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
-BLOCK_RADIUS = 10.0  # px
 
 Floats = npt.NDArray[np.floating[Any]]
 
@@ -48,7 +48,7 @@ def scene_features(scene: Scene) -> SceneFeatures:
     constants = np.zeros((size, 3))
     position[:n_objects] = scene.centres
     ends[:n_blocks] = scene.blocks - position[:n_blocks, None]
-    constants[:n_blocks, 0] = BLOCK_RADIUS
+    constants[:n_blocks, 0] = BAR_RADIUS
     constants[n_blocks:n_objects, 0] = scene.balls[:, 2]
     constants[:n_objects, 1] = scene.eliminable
     constants[:n_objects, 2] = scene.dynamic

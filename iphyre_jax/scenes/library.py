@@ -46,6 +46,10 @@ SceneLike = str | os.PathLike[str] | Scene
 """The name of a game, the path of a scene file, or a scene."""
 
 ALL_GAMES: Final = tuple(game for games in SPLITS.values() for game in games)
+"""Names of the forty games and of the ten unseen basic ones."""
+
+SPLIT_OF: Final = MappingProxyType({game: split for split, games in SPLITS.items() for game in games})
+"""The split of each of them."""
 
 
 @cache
@@ -53,6 +57,11 @@ def _package_game(name: str) -> Scene:
     """Build a game of the package, once. Scenes are immutable, so all callers can share it."""
     games = cast(Mapping[str, Mapping[str, object]], _read_library()["games"])
     return scene_from_fields({"name": name, **games[name]}, f"{_LIBRARY}: {name}")
+
+
+def is_game(scene: Scene) -> bool:
+    """Return whether a scene is a game of the package, not another one of that name."""
+    return scene.name in ALL_GAMES and scene == _package_game(scene.name)
 
 
 def load_scene(scene: SceneLike, limits: Limits | None = None) -> Scene:

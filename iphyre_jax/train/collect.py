@@ -131,17 +131,17 @@ class StepRollout:
         """See `RolloutCollector`."""
         environment, params = self._environment, self._params
         games = jnp.repeat(jnp.arange(len(self._scenes), dtype=jnp.int32), episodes)
-        seen, state = _reset(environment, games, params)
+        observed, state = _reset(environment, games, params)
         add_prediction = self._predicting(games)
-        next_obs = add_prediction(seen, state)
+        next_obs = add_prediction(observed, state)
         active = jnp.ones(len(games), bool)
         steps: list[tuple[jax.Array, ...]] = []
         most = environment.strategy.decisions
         info: Info = {}
         for k in range(most):
             obs, output = next_obs, policy(jax.random.fold_in(key, k), next_obs, 1)
-            (seen, reward, done, info), state = _step(environment, state, output.action, params)
-            next_obs = add_prediction(seen, state)
+            (observed, reward, done, info), state = _step(environment, state, output.action, params)
+            next_obs = add_prediction(observed, state)
             steps.append((obs, *output[1:], reward, done & active, active))
             active = active & ~done
             if k % LOOK_EVERY == LOOK_EVERY - 1 and not bool(active.any()):

@@ -13,6 +13,7 @@ import numpy as np
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import SPLIT_OF
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
@@ -113,12 +114,11 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
 
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
     stats = rollout_collector(config, games).collect(policy, key, episodes)[1]
-    split_of = {game: split for split, names in SPLITS.items() for game in names}
     which, plans = np.repeat(np.arange(len(games)), episodes), _plans(config, learner, games)
     scores = tuple(
         GameScore(
             game=game,
-            split=split_of[game],
+            split=SPLIT_OF[game],
             greedy=_score(stats, (which == index) & first),
             sampled=_score(stats, (which == index) & ~first),
             plan=plans[index],

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from rich.console import Console
 
-from iphyre_jax.files import locked
+from iphyre_jax.locks import locked
 from iphyre_jax.train import trainer
 from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.predictions import with_prediction_sum

@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.data.generated import GeneratedScenes, generated_file, load_generated
+from iphyre_jax.files import file_sum
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage.manifest import sum_of
 
 UNSEEN: Final = 0.3  # of the draws go to scenes never played, as long as there are any
 FLOOR: Final = 0.02  # added to p (1 - p), so that no scene is given up
@@ -104,7 +104,7 @@ def _files(config: TrainConfig) -> list[Path]:
 
 def _sum_of_files(files: Sequence[Path]) -> str:
     """Return the SHA-256 sum of a file, or of the sums of several."""
-    sums = [sum_of(file) for file in files]
+    sums = [file_sum(file) for file in files]
     return sums[0] if len(sums) == 1 else hashlib.sha256("\n".join(sums).encode()).hexdigest()
 
 

@@ -22,6 +22,7 @@ from threading import Lock
 from typing import Final
 
 from iphyre_jax.checks import one_line
+from iphyre_jax.locks import try_lock
 
 LOCK_SECONDS: Final = 5.0  # s, so long an append waits for those of other processes
 SHOWN: Final = 5  # numbers of damaged lines that a warning names
@@ -114,20 +115,12 @@ def _locked(path: Path, flags: int) -> Iterator[int]:
 
 
 def _lock(file: int, path: Path) -> None:
-    try:
-        import fcntl  # not on Windows
-    except ImportError:
-        return None
+    """Wait for the lock of an open file, if there are locks."""
     end = time.monotonic() + LOCK_SECONDS
-    while True:
-        try:
-            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > end:
-                raise OSError(f"{one_line(str(path))}: expected a free file, but another process writes it") from None
-            time.sleep(_LOCK_EVERY)
-        except OSError:
-            return None  # the disk knows no locks
+    while try_lock(file) is False:
+        if time.monotonic() > end:
+            raise OSError(f"{one_line(str(path))}: expected a free file, but another process writes it")
+        time.sleep(_LOCK_EVERY)
 
 
 def _mend(file: int, path: Path, begin: bytes, is_whole: Callable[[bytes], bool], most: int) -> None:

@@ -10,7 +10,8 @@ from typing import Any, Final
 
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.files import MAX_JSON_BYTES, parse_json, read_json_object
-from iphyre_jax.scenes import GAMES, SCENE_SCHEMA, SPLITS, load_scene
+from iphyre_jax.scenes import SCENE_SCHEMA, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
 
@@ -45,7 +46,7 @@ def each_play(source: str | Path) -> Iterator[Play]:
 def _refuse_scene(source: str, path: Path) -> None:
     """Say what draws a scene, if that is what was given instead of plays; ValueError in one line."""
     name, wanted = one_line(source), "expected a file of plays (JSON lines), a run folder or best"
-    if not path.exists() and (source in GAMES or source in SPLITS["unseen_basic"]):
+    if not path.exists() and source in ALL_GAMES:
         raise ValueError(f"{name}: {wanted}, got a game; `iphyre-jax render {name}` draws it")
     if path.suffix.lower() != ".json" or not path.is_file():
         return

@@ -22,9 +22,10 @@ from typing import Final
 
 from iphyre_jax.checks import one_line, show, whole_fps
 from iphyre_jax.files import check_writable, parse_json
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes import Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.codec import check_object
 from iphyre_jax.scenes.errors import raise_problems
+from iphyre_jax.scenes.library import ALL_GAMES, is_game
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer import line_files
 from iphyre_jax.viewer.recording import Recording, record
@@ -38,7 +39,6 @@ MAX_FPS: Final = 1000
 DTYPES: Final = ("float64", "float32")
 
 _BEGIN: Final = b'{"schema": "iphyre_jax/play"'  # of each line that `append_play` writes
-_GAME_NAMES: Final = frozenset((*GAMES, *SPLITS["unseen_basic"]))
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,11 @@ def result_of(recording: Recording) -> dict[str, object]:
 def play_to_json(recording: Recording, agent: str, facts: Mapping[str, object]) -> dict[str, object]:
     """Return the contents of a line for a recording."""
     scene = recording.scene
-    own = scene.name in _GAME_NAMES and scene == load_scene(scene.name)
     return {
         "schema": SCHEMA,
         "version": VERSION,
         "agent": agent,
-        "scene": scene.name if own else scene_to_dict(scene),
+        "scene": scene.name if is_game(scene) else scene_to_dict(scene),
         "plan": list(recording.plan),
         "fps": recording.fps,
         "dtype": recording.dtype,
@@ -258,7 +257,7 @@ def read_scene_field(value: object, source: str) -> Scene:
         ValueError: it is neither; one line for each wrong field.
     """
     if isinstance(value, str):
-        if value not in _GAME_NAMES:
+        if value not in ALL_GAMES:
             raise ValueError(f"{source}: scene: expected the name of a game or a scene, got {show(value)}")
         return load_scene(value)
     return scene_from_dict(value, f"{source}: scene")

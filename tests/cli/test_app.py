@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 
 import iphyre_jax
-from iphyre_jax import GAMES, SPLITS
 from iphyre_jax.cli.main import run
 from iphyre_jax.cli.signals import until_signal
 from iphyre_jax.files import replacing
+from iphyre_jax.scenes.library import ALL_GAMES
 
 
 def test_games_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["games"]) == 0
     out = capsys.readouterr().out
-    for game in (*GAMES, *SPLITS["unseen_basic"]):
+    for game in ALL_GAMES:
         assert game in out
     assert run(["games", "--split", "multi_ball"]) == 0
     out = capsys.readouterr().out

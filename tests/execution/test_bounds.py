@@ -29,8 +29,6 @@ BOUNDED_BY_NATURE = {
     "void": "widths of a row",
     "font": "sizes of a font",
     "best_plays": "no arguments",
-    "figures": "no arguments",
-    "paper_facts": "no arguments",
     "paper_numbers": "no arguments",
     "policies": "no arguments",
     "shipped": "the two rates of the package's data",

@@ -13,6 +13,7 @@ from pathlib import Path
 from record import record
 from rich.console import Console
 
+from iphyre_jax.files import file_sum
 from iphyre_jax.train import loop
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
@@ -58,7 +59,7 @@ def other_version(file: Path, rng: random.Random) -> str:
     content = json.loads(written.read_text())
     content["format"] = rng.choice([0, 3, 4, "2", None])
     written.write_text(json.dumps(content))
-    written.with_name(manifest.SUM).write_text(f"{manifest.sum_of(written)}\n")
+    written.with_name(manifest.SUM).write_text(f"{file_sum(written)}\n")
     return f"format {content['format']!r}"
 
 

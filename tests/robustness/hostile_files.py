@@ -25,6 +25,7 @@ from record import record
 
 from iphyre_jax import load_scene
 from iphyre_jax.cli import main as cli
+from iphyre_jax.files import file_sum
 from iphyre_jax.train import trainer
 from iphyre_jax.train.reports import compare, curve
 from iphyre_jax.train.settings.agents import PPO
@@ -147,14 +148,14 @@ def seal(path: Path, **changes: object) -> None:
     file = path / manifest.MANIFEST
     if changes:
         file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
-    (path / manifest.SUM).write_text(f"{manifest.sum_of(file)}\n")
+    (path / manifest.SUM).write_text(f"{file_sum(file)}\n")
 
 
 def checkpoints(root: Path) -> Iterator[Case]:
     """Checkpoints whose manifest fits and whose state does not: cut, foreign, of another shape, no plain files."""
 
     def case(name: str, path: Path) -> Case:
-        files = {f: {"size": (path / f).stat().st_size, "sha256": manifest.sum_of(path / f)} for f in state_files(path)}
+        files = {f: {"size": (path / f).stat().st_size, "sha256": file_sum(path / f)} for f in state_files(path)}
         seal(path, files=files)
         return f"checkpoint, {name}", path, lambda: runs.load(path.parents[1])
 

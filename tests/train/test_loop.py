@@ -175,7 +175,7 @@ def test_a_clock_that_goes_back_changes_nothing(
 HOLD = """
 import sys, time
 from pathlib import Path
-from iphyre_jax.files import locked
+from iphyre_jax.locks import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

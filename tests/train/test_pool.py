@@ -13,6 +13,7 @@ from rich.console import Console
 from iphyre_jax.data.generated import GeneratedScenes, load_generated, save_generated
 from iphyre_jax.data.generated.canvas import Canvas
 from iphyre_jax.data.generated.pool import scene_columns
+from iphyre_jax.files import file_sum
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.train import collect, loop, pool, trainer
@@ -21,7 +22,7 @@ from iphyre_jax.train.scenes import training_scenes
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.checks import GROUP
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage import logs, manifest, runs
+from iphyre_jax.train.storage import logs, runs
 from tests.train.storage.test_runs import assert_same_tree
 
 QUIET = Console(quiet=True)
@@ -87,7 +88,7 @@ def test_a_run_with_a_pool_resumes_to_the_same_bits(
     clockless = [[{k: v for k, v in one.items() if k not in trainer.TIMING_COLUMNS} for one in log] for log in lines]
     assert clockless[0] == clockless[1]
     config, state = runs.load(whole.folder)
-    assert config == replace(tiny, pool_sha256=manifest.sum_of(Path(tiny.scene_pool)))
+    assert config == replace(tiny, pool_sha256=file_sum(Path(tiny.scene_pool)))
     assert_same_tree(state, whole.state)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from iphyre_jax import SceneBuilder, load_scene
 from iphyre_jax.cli.main import run
-from iphyre_jax.viewer.figures import figures_of
+from iphyre_jax.paper import paper_rewards
 from iphyre_jax.viewer.load_plays import best_plays, load_plays
 from iphyre_jax.viewer.plays import append_play, iter_plays, open_plays, play_to_json, read_plays
 from iphyre_jax.viewer.recording import record
@@ -145,11 +145,11 @@ def test_the_best_plans_are_for_the_forty_games() -> None:
 
 
 def test_figures_are_the_papers() -> None:
-    hole = figures_of("hole")
+    hole = paper_rewards("hole")
     assert hole["human"] == 966.08
     assert hole["oracle_split"] == 976.06
     assert hole["agents"]["PPO-I"] == 949.7  # type: ignore[index]
-    assert figures_of("unseen_hole") == figures_of("nothing") == {}
+    assert paper_rewards("unseen_hole") == paper_rewards("nothing") == {}
 
 
 def write_run(folder: Path, plan: object) -> Path:

@@ -25,8 +25,9 @@ from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly
 from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.intervals import mean_interval
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import provenance
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 RANDOM_RUNS: Final = 5
 HANDWRITTEN: Final = (

@@ -24,8 +24,9 @@ from iphyre_jax.agents.language.calls import MAX_TOKENS, Answer
 from iphyre_jax.agents.language.prompts import VERSION as PROMPT_VERSION
 from iphyre_jax.agents.language.prompts import Message, Prompt
 from iphyre_jax.checks import check_instance, check_whole, one_line, show
+from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.files import parse_json
-from iphyre_jax.scenes import Scene, scene_to_dict
+from iphyre_jax.scenes import Scene
 from iphyre_jax.viewer import line_files
 
 SCHEMA: Final = "iphyre_jax/ask"
@@ -53,17 +54,12 @@ class Entry(NamedTuple):
     """A line of a transcript, as far as a replay needs it."""
 
     prompt_hash: str
-    scene_hash: str
+    scene_sum: str
     conversation: tuple[tuple[str, str], ...] | None  # role and text
     kind: str
     model: str
     parameters: Mapping[str, Any]  # of the call, see `settings.parameters`; empty if a person wrote the line
     answer: Answer
-
-
-def scene_hash(scene: Scene) -> str:
-    """Return the SHA-256 of a scene, as its file would hold it."""
-    return hashlib.sha256(json.dumps(scene_to_dict(scene), sort_keys=True).encode()).hexdigest()
 
 
 def line_of(
@@ -79,7 +75,7 @@ def line_of(
         "schema": SCHEMA,
         "version": VERSION,
         "game": question.game,
-        "scene": scene_hash(scene),
+        "scene": scene_sum(scene),
         "prompt": {"name": prompt.name, "version": PROMPT_VERSION, "hash": prompt.hash},
         "sample": question.sample,
         "attempt": question.attempt,
@@ -138,7 +134,7 @@ def matching(entry: Entry, question: Question, scene: Scene, prompt: Prompt, con
     """
     for what, was, now in (
         ("prompt", entry.prompt_hash, prompt.hash),
-        ("scene", entry.scene_hash, scene_hash(scene)),
+        ("scene", entry.scene_sum, scene_sum(scene)),
         ("conversation", entry.conversation, tuple((message.role, message.text) for message in conversation)),
     ):
         if was is not None and was != now:

@@ -16,20 +16,19 @@ TRIES: Final = 5  # as people have them
 Floats = npt.NDArray[np.float64]
 
 
-def tried(imagined: Floats, real: Floats, learning: bool, tries: int = TRIES) -> Floats:
-    """Return the rewards of a planner's attempts, (tries,) points.
+def tried(imagined: Floats, real: Floats, learning: bool) -> Floats:
+    """Return the rewards of a planner's attempts, (TRIES,) points.
 
     Args:
         imagined: (K, N) points, in each of the K scenes that the planner believes in.
-        real: (N,) points.
+        real: (N,) points; at least TRIES.
         learning: it sees how an attempt ended, and trusts scenes less that had foretold another outcome. Else it
             gives all its plans at once.
-        tries: number of attempts, at most N.
     """
     weights = np.ones(len(imagined))
     left = np.ones(imagined.shape[1], bool)
     rewards = []
-    for _ in range(tries):
+    for _ in range(TRIES):
         order = preferred(imagined, weights)
         plan = order[left[order]][0]
         left[plan] = False

@@ -24,8 +24,9 @@ from iphyre_jax.analyses.imagination.imagined import (
 from iphyre_jax.analyses.imagination.people_model import HALVES, Fit, Test, fit
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.intervals import mean_interval
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.scenes import GAMES
-from iphyre_jax.train.reports.report import TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 HEADLINE: Final = Imagination(2.0, draws=10)
 WITH_POLICY: Final = Imagination(2.0, proposals="policy")

@@ -16,7 +16,7 @@ from iphyre_jax.cli.console import option, refuse_unread, say, warnings_in_one_l
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
-from iphyre_jax.viewer.figures import split_of
+from iphyre_jax.scenes.library import SPLIT_OF
 from iphyre_jax.viewer.load_plays import BEST, each_play
 from iphyre_jax.viewer.recording import Recording, record
 
@@ -113,7 +113,7 @@ def render(command: Render, console: Console) -> None:
         save_picture(command.out, sheet)
     elif of_plays:
         chosen = [play for play in each_play(what) if command.game in (None, play.scene.name)]
-        chosen = [play for play in chosen if command.split in (None, split_of(play.scene.name))]
+        chosen = [play for play in chosen if command.split in (None, SPLIT_OF.get(play.scene.name))]
         if not chosen:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
             raise ValueError(f"game: expected a game with plays in {what}, got {asked}")

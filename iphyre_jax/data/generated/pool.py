@@ -25,7 +25,7 @@ from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
 from iphyre_jax.envs.protocols import EpisodeProtocol
-from iphyre_jax.files import check_exist, pack_npz, read_npz, read_versioned, replace_bytes, replace_json
+from iphyre_jax.files import check_exist, file_sum, pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import CORE, provenance
 from iphyre_jax.scenes import Scene
 
@@ -206,9 +206,8 @@ def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
     described = npz.with_suffix(".json")
     check_exist(npz, described)
     manifest = read_versioned(described, SCHEMA, (VERSION,))
-    with npz.open("rb") as file:
-        if hashlib.file_digest(file, "sha256").hexdigest() != manifest.pop("sha256", None):
-            raise ValueError(f"{npz}: expected the bytes that {described.name} tells of, but they were changed")
+    if file_sum(npz) != manifest.pop("sha256", None):
+        raise ValueError(f"{npz}: expected the bytes that {described.name} tells of, but they were changed")
     columns = read_npz(npz, MAX_BYTES)
     count = manifest.get("scenes")
     for name, (dtype, shape) in ARRAYS.items():

@@ -31,6 +31,7 @@ from iphyre_jax.data.recipe import Recipe, check_recipe
 from iphyre_jax.execution.compilation.cache_folder import default_folder
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES
 
 SETS_VERSION: Final = 1  # of the definitions here
 FOLDER: Final = "datasets"  # in the cache folder
@@ -94,7 +95,7 @@ class _Sets:
         return gather(scenes, [(count, count)] * len(scenes), recipe, journal)
 
     def _test(self, journal: Journal) -> Dataset:
-        scenes, count = self._scenes((*GAMES, *UNSEEN)), self._count(50)
+        scenes, count = self._scenes(ALL_GAMES), self._count(50)
         recipe = check_recipe(replace(self._recipe, unique=True, split="test"), scenes, count, count)
         starts = {}
         known: dict[str, set[bytes]] = {}
@@ -112,7 +113,7 @@ class _Sets:
         )
 
     def _pairs(self, journal: Journal) -> Dataset:
-        scenes, count = self._scenes((*GAMES, *UNSEEN)), self._count(50)
+        scenes, count = self._scenes(ALL_GAMES), self._count(50)
         recipe = replace(self._recipe, distribution="pairs", seed=PAIR_SEED, unique=True)
         recipe = replace(recipe, split="test")
         return edge_pairs(scenes, count, recipe, self._known(["official", "test"], scenes), journal)
@@ -194,7 +195,7 @@ def _protocol(fps: int) -> PlayProtocol:
 
 
 def _check_game(game: Any) -> str:  # noqa: ANN401
-    return check_option("games", game, (*GAMES, *UNSEEN))
+    return check_option("games", game, ALL_GAMES)
 
 
 def _folder(folder: str | os.PathLike[str] | None) -> Path:

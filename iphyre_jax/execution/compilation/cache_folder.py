@@ -22,7 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from iphyre_jax.files import lock_file, replacing
+from iphyre_jax.files import replacing
+from iphyre_jax.locks import lock_file
 
 CACHE_VARIABLE = "IPHYRE_JAX_CACHE"
 OFF_WORDS = ("0", "off", "no", "false")

@@ -14,7 +14,8 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.files import locked, replace_json
+from iphyre_jax.files import replace_json
+from iphyre_jax.locks import locked
 from iphyre_jax.models.outcome import metrics, storage
 from iphyre_jax.models.outcome.plays.inputs import examples, scene_inputs
 from iphyre_jax.models.outcome.settings import OutcomeConfig

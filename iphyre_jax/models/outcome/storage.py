@@ -97,9 +97,9 @@ def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     return FILES.names(folder)
 
 
-def rankers(folder: Path = WEIGHTS) -> tuple[str, ...]:
+def rankers() -> tuple[str, ...]:
     """The names of those that rank a policy's plans, a scene at a time; `attempts.policy_tries` plays them."""
-    return tuple(name for name in names(folder) if FILES.config(folder, name).network == "ranker")
+    return tuple(name for name in names() if FILES.config(WEIGHTS, name).network == "ranker")
 
 
 def rounded(params: Params, seed: int) -> Params:

@@ -19,8 +19,8 @@ from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, of_seed
 from iphyre_jax.models.sequence.worlds import play
 from iphyre_jax.scenes import GAMES, MAX_ELIMINABLE, SPLITS, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES
 
-PLAYED: Final = (*GAMES, *SPLITS["unseen_basic"])
 SAMPLED: Final[Mapping[str, int]] = {"in-advance": 10, "combined": 5, "on-the-fly": 5}  # sampled episodes of a game
 SWEEP: Final = (0.0, 0.25, 0.5, 0.75, ASKED, 1.0)  # returns asked for
 CANDIDATES: Final = 32  # sampled plans of which the most contrasting one is played
@@ -35,11 +35,11 @@ def result(reward: Floats, success: npt.NDArray[np.bool_]) -> Result:
     """Rewards and successes (K, G, E), of K seeds, G games and E episodes, as JSON values."""
     episodes = reward.shape[2]
     spread = reward.var(axis=2, ddof=1) / episodes if episodes > 1 else np.zeros(reward.shape[:2])
-    games = [PLAYED[k] in GAMES for k in range(reward.shape[1])]
+    games = [ALL_GAMES[k] in GAMES for k in range(reward.shape[1])]
     error = float(np.sqrt(spread[:, games].mean(axis=0).sum() / len(reward)) / sum(games))
     return {
         "episodes": episodes,
-        "games": list(PLAYED[: reward.shape[1]]),
+        "games": list(ALL_GAMES[: reward.shape[1]]),
         "reward": reward.mean(axis=2).tolist(),
         "success": success.mean(axis=2).tolist(),
         "standard error over episodes, all": error if episodes > 1 else None,
@@ -75,13 +75,13 @@ def _one(config: SequenceConfig, params: Params, seed: int) -> dict[str, tuple[F
 
 
 def _worlds(episodes: int) -> npt.NDArray[np.int32]:
-    return np.repeat(np.arange(len(PLAYED), dtype=np.int32), episodes)
+    return np.repeat(np.arange(len(ALL_GAMES), dtype=np.int32), episodes)
 
 
 def _played(
     config: SequenceConfig, params: Params, episodes: int, asked: float, key: jax.Array | None
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    scenes, game = [load_scene(name) for name in PLAYED], _worlds(episodes)
+    scenes, game = [load_scene(name) for name in ALL_GAMES], _worlds(episodes)
     player = Player(config, params, scenes, game, asked, key)
     player.plans()
     played = play(scenes, game, player.steps(), config.protocol)
@@ -90,7 +90,7 @@ def _played(
 
 def _contrasting(config: SequenceConfig, params: Params, key: jax.Array) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Of sampled plans, the one that a high return makes likelier most, compared with a failure."""
-    scenes, game = [load_scene(name) for name in PLAYED], _worlds(CANDIDATES)
+    scenes, game = [load_scene(name) for name in ALL_GAMES], _worlds(CANDIDATES)
     player = Player(config, params, scenes, game, ASKED, key)
     player.plans()
     best = contrast(player).reshape(-1, CANDIDATES).argmax(axis=1)
@@ -105,20 +105,20 @@ def sweep(config: SequenceConfig, params: Params) -> dict[str, list[float]]:
     found = {}
     for each in asked:
         reward = _played(config, params, 1, each, None)[0][:, 0]
-        rows = [[PLAYED.index(name) for name in names] for names in (SPLITS["basic"], GAMES)]
+        rows = [[ALL_GAMES.index(name) for name in names] for names in (SPLITS["basic"], GAMES)]
         found[str(each)] = [float(reward[own].mean()) for own in rows]
     return found
 
 
 def doing_nothing(protocol: PlayProtocol) -> Result:
     """No removal in any game."""
-    return _of_plans({name: np.full((1, MAX_ELIMINABLE), np.nan) for name in PLAYED}, protocol)
+    return _of_plans({name: np.full((1, MAX_ELIMINABLE), np.nan) for name in ALL_GAMES}, protocol)
 
 
 def randomly(protocol: PlayProtocol) -> Result:
     """The first official random plans of each game."""
     plans = {}
-    for name in PLAYED:
+    for name in ALL_GAMES:
         drawn = np.array([list(plan) for plan in islice(random_plans(load_scene(name), "official", 0), RANDOM)])
         plans[name] = np.where(drawn == 0, np.nan, drawn)
     return _of_plans(plans, protocol)
@@ -128,7 +128,7 @@ def nearest(learned: Dataset, protocol: PlayProtocol) -> Result:
     """Five solving plans of the most similar learned scene that has any: tables are compared number by number."""
     rows, solved = scene_rows(learned.scenes), np.isin(np.arange(len(learned.scenes)), learned.game[learned.success])
     plans = {}
-    for name in PLAYED:
+    for name in ALL_GAMES:
         away = np.square(rows - scene_rows([load_scene(name)])).sum(axis=(1, 2))
         nearest_one = np.where(solved, away, np.inf).argmin()  # at 10 steps a second nothing solves seesaw
         own = np.flatnonzero((learned.game == nearest_one) & learned.success)
@@ -138,12 +138,12 @@ def nearest(learned: Dataset, protocol: PlayProtocol) -> Result:
 
 def _of_plans(plans: Mapping[str, Floats], protocol: PlayProtocol) -> Result:
     """As many plans of each game, (E, 6) s."""
-    scenes, episodes = [load_scene(name) for name in PLAYED], len(next(iter(plans.values())))
-    times = np.concatenate([plans[name] for name in PLAYED])
+    scenes, episodes = [load_scene(name) for name in ALL_GAMES], len(next(iter(plans.values())))
+    times = np.concatenate([plans[name] for name in ALL_GAMES])
     blocks = np.repeat([len(scene.eliminable_blocks) for scene in scenes], episodes)
     times = np.where(np.arange(MAX_ELIMINABLE) < blocks[:, None], times, np.nan)  # a similar scene may have more
     played = play(scenes, _worlds(episodes), protocol.steps(times), protocol)
-    shape = 1, len(PLAYED), episodes
+    shape = 1, len(ALL_GAMES), episodes
     return result(played.reward.reshape(shape), played.success.reshape(shape))
 
 

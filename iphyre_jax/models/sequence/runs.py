@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.files import locked, replace_json
+from iphyre_jax.files import replace_json
+from iphyre_jax.locks import locked
 from iphyre_jax.models.sequence import evaluation, storage
 from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.settings import SequenceConfig

@@ -18,7 +18,7 @@ from iphyre_jax.models.world.settings import DataName
 from iphyre_jax.models.world.tables import Floats, Plays, SceneTables, scene_tables
 from iphyre_jax.physics.constants import GRAVITY
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, NEVER, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, Scene, load_scene
 from iphyre_jax.simulation import simulate_many
 from iphyre_jax.train.scenes import variations
@@ -26,8 +26,7 @@ from iphyre_jax.train.scenes import variations
 FPS: Final = 60
 EVERY: Final = FPS // DECISIONS_PER_SECOND  # physics steps between two instants
 FIRST: Final = 1  # physics steps before the first instant
-SECONDS: Final = 15
-INSTANTS: Final = SECONDS * DECISIONS_PER_SECOND  # 0, 1, ..., 149
+INSTANTS: Final = FRAMES  # 0, 1, ..., 149
 STAYS: Final = 10_000  # instant at which a block goes that never does
 BLOCK: Final = 400  # plays at a time: their samples take 40 MB
 VARIED: Final = 60  # variations of each game that a chunk of new plays takes its scenes from
@@ -79,7 +78,7 @@ def play(scenes: Sequence[Scene], which: npt.ArrayLike, steps: npt.ArrayLike, mo
 def _block(
     scenes: Sequence[Scene], tables: SceneTables, which: npt.NDArray[np.int32], plan: npt.NDArray[Any]
 ) -> tuple[Floats, npt.NDArray[np.bool_], npt.NDArray[np.int32]]:
-    played = simulate_many(scenes, which, plan, fps=FPS, duration=SECONDS, sample_every=1)
+    played = simulate_many(scenes, which, plan, fps=FPS, duration=TIME_LIMIT, sample_every=1)
     if played.samples is None:
         raise RuntimeError("simulate_many gave no samples")
     first = played.samples[:, FIRST : FIRST + EVERY * INSTANTS : EVERY]

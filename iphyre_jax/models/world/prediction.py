@@ -17,6 +17,7 @@ import numpy as np
 
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.params import EnvParams, EnvState
+from iphyre_jax.files import file_sum
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.interface import Memory, Params, Predict, predictor, start_memory
 from iphyre_jax.models.world.tables import scene_tables
@@ -26,7 +27,6 @@ from iphyre_jax.scenes import MAX_OBJECTS, Scene
 from iphyre_jax.train.observations import parts
 from iphyre_jax.train.predictions import NamedPrediction, offer_world_models
 from iphyre_jax.train.settings.run import PERFECT, ZEROS
-from iphyre_jax.train.storage.manifest import sum_of
 
 MOST_WORLDS = 2048  # predicted at once: the pairs of so many take some 100 MB
 
@@ -114,7 +114,7 @@ def read_prediction(name: str) -> NamedPrediction:
         file = storage.named_file(name)
     except ValueError as error:
         raise ValueError(f"prediction: {ZEROS}, {PERFECT}, or {error}") from None
-    return NamedPrediction(lambda: WorldPrediction(storage.named_model(name)), sum_of(file))
+    return NamedPrediction(lambda: WorldPrediction(storage.named_model(name)), file_sum(file))
 
 
 offer_world_models(read_prediction)

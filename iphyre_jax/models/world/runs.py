@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.files import locked
+from iphyre_jax.locks import locked
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.plays import learned_plays
 from iphyre_jax.models.world.settings import WorldConfig

@@ -18,11 +18,9 @@ from typing import ClassVar, Final, Protocol
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
 from iphyre_jax.scenes import MAX_ELIMINABLE
 from iphyre_jax.train.settings.agents import HeadName
-
-INSTANTS = int(TIME_LIMIT * DECISIONS_PER_SECOND)  # 0 "never", then 0.1, 0.2, ..., 14.9 s
 
 
 class Head(Protocol):
@@ -85,11 +83,11 @@ class TimeGridHead:
     never: float = 0.25
     scale: float = 4.0
 
-    shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, INSTANTS)
+    shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE, FRAMES)  # 0 "never", then 0.1, 0.2, ..., 14.9 s
 
     def _log_prior(self) -> jax.Array:
         """(150,) float32 natural logarithm of the prior."""
-        seconds = jnp.arange(1, INSTANTS, dtype=jnp.float32) / DECISIONS_PER_SECOND
+        seconds = jnp.arange(1, FRAMES, dtype=jnp.float32) / DECISIONS_PER_SECOND
         instants = math.log1p(-self.never) + jax.nn.log_softmax(-seconds / self.scale)
         return jnp.concatenate([jnp.full((1,), math.log(self.never), jnp.float32), instants])
 
@@ -117,7 +115,7 @@ class TimeGridHead:
 
     def action(self, raw_action: jax.Array) -> jax.Array:
         """See `Head`; k / 150, which the environment rounds back to instant k."""
-        return distinct_instants(raw_action).astype(jnp.float32) / INSTANTS
+        return distinct_instants(raw_action).astype(jnp.float32) / FRAMES
 
 
 def distinct_instants(raw_action: jax.Array) -> jax.Array:
@@ -128,7 +126,7 @@ def distinct_instants(raw_action: jax.Array) -> jax.Array:
             taken = jnp.stack([instant == other for other in instants]).any(axis=0)
             instant = instant + (taken & (instant > 0))
         instants.append(instant)
-    return jnp.minimum(jnp.stack(instants, axis=-1), INSTANTS)  # a third slot at the end would have 151
+    return jnp.minimum(jnp.stack(instants, axis=-1), FRAMES)  # a third slot at the end would have 151
 
 
 def _normal_log_prob(distribution: jax.Array, value: jax.Array) -> jax.Array:

@@ -15,11 +15,12 @@ from rich.table import Table
 
 from iphyre_jax.checks import check_least, show
 from iphyre_jax.files import read_versioned
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
 from iphyre_jax.train.reports.printing import print_table
-from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, paper_numbers
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, runs

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from iphyre_jax.files import replacing
-from iphyre_jax.train.reports.report import paper_numbers, training_name
+from iphyre_jax.paper import paper_numbers
+from iphyre_jax.train.reports.report import training_name
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage.logs import read
 

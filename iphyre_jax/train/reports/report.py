@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -32,19 +30,12 @@ class Row(NamedTuple):
     ours: bool
 
 
-@cache
-def paper_numbers() -> Mapping[str, Any]:
-    """The paper's table: `agents` -> name -> split -> [reward, success in %], `per_game`, `source`, `protocol`."""
-    numbers: Mapping[str, Any] = json.loads(files(__package__).joinpath("paper.json").read_text("utf-8"))
-    return numbers
-
-
 def training_name(config: TrainConfig) -> str:
     """The training games' name in results."""
     return ", ".join(config.games) if config.games else f"{TITLES[config.split]} split"
 
 
-def split_rows(evaluation: Evaluation, config: TrainConfig) -> Iterator[Row]:
+def split_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Two rows of this run, greedy and sampled, then the paper's humans, oracle and agents."""
     whole = {"all"} if set(COLUMNS[:-1]) <= set(evaluation.splits) else set()
     for kind in ("greedy", "sampled"):
@@ -96,7 +87,7 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
         "unsound worlds": str(evaluation.faults),
         **{name: _fact(value) for name, value in facts.items()},
     }
-    by_split = [[row.name, *row.cells] for row in split_rows(evaluation, config)]
+    by_split = [[row.name, *row.cells] for row in split_rows(evaluation)]
     parts = [
         "# Evaluation",
         markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),

@@ -5,7 +5,6 @@ The sums detect damage, not malice: whoever can write the state can write a mani
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import stat
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import MAX_JSON, read_json_object
+from iphyre_jax.files import MAX_JSON, file_sum, read_json_object
 from iphyre_jax.provenance import versions
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
@@ -26,10 +25,10 @@ SLACK: Final = 64 * 2**20  # bytes of a state beyond those of its arrays
 
 def write(path: Path, config: TrainConfig, update: int) -> None:
     """Write what `verify` reads, and flush everything to the disk."""
-    sums = {name: {"size": (path / name).stat().st_size, "sha256": sum_of(path / name)} for name in _files(path)}
+    sums = {name: {"size": (path / name).stat().st_size, "sha256": file_sum(path / name)} for name in _files(path)}
     content = {"format": FORMAT, "update": update, "settings": config.to_json(), "versions": versions(), "files": sums}
     (path / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", "utf-8")
-    (path / SUM).write_text(f"{sum_of(path / MANIFEST)}\n", "utf-8")
+    (path / SUM).write_text(f"{file_sum(path / MANIFEST)}\n", "utf-8")
     for entry in [*path.rglob("*"), path]:
         sync(entry)
 
@@ -54,7 +53,7 @@ def verify(path: Path, config: TrainConfig, state_bytes: int) -> int:
             raise ValueError(f"damaged: {file.name} is missing")
         if file.stat().st_size > MAX_JSON:
             raise ValueError(f"damaged: {file.name}: expected at most {MAX_JSON} bytes, got {file.stat().st_size}")
-    if (path / SUM).read_bytes() != f"{sum_of(manifest)}\n".encode():
+    if (path / SUM).read_bytes() != f"{file_sum(manifest)}\n".encode():
         raise ValueError(f"damaged: {MANIFEST} does not have the SHA-256 sum of {SUM}")
     content = read(path)
     written = content["format"]
@@ -100,7 +99,7 @@ def _verify_files(path: Path, expected: dict[str, Any], max_bytes: int) -> None:
         if max_bytes < 0:
             raise ValueError(f"damaged: the files of {STATE}/ are larger than the arrays of these settings")
     for name in sorted(found):
-        if sum_of(path / name) != expected[name]["sha256"]:
+        if file_sum(path / name) != expected[name]["sha256"]:
             raise ValueError(f"damaged: {name} does not have the SHA-256 sum of the manifest")
 
 
@@ -113,12 +112,6 @@ def _files(path: Path) -> list[str]:
         if len(names) > MAX_FILES:
             raise ValueError(f"damaged: {STATE}/ has more than {MAX_FILES} files")
     return sorted(names)
-
-
-def sum_of(file: Path) -> str:
-    """SHA-256 of a file."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def sync(path: Path) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import provenance
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -40,7 +40,6 @@ SCHEMA: Final = "iphyre_jax/pretrained"
 VERSION: Final = 2  # version 1 has the names of `old_names`
 WEIGHTS: Final = Path(str(files("iphyre_jax.train").joinpath("weights")))
 SLACK: Final = 2**24  # bytes of NAME.npz beyond those of the arrays: headers, and arrays of another shape, to name them
-PLAYED: Final = (*GAMES, *SPLITS["unseen_basic"])  # games of the scores
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Final
 
 from iphyre_jax.checks import show
-from iphyre_jax.files import LOCK, read_json_object, replace_bytes, replace_json, replace_text
+from iphyre_jax.files import read_json_object, replace_bytes, replace_json, replace_text
+from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown

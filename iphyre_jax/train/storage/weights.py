@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy.typing as npt
 
+from iphyre_jax.files import file_sum
 from iphyre_jax.train.storage.checkpoint import named_arrays
-from iphyre_jax.train.storage.manifest import sum_of
 
 
 def verify_sum(file: Path, sha256: object) -> None:
     """Raise ValueError, one line, unless NAME.npz has the sum that NAME.json tells of."""
-    if sum_of(file) != sha256:
+    if file_sum(file) != sha256:
         raise ValueError(f"{file}: damaged: it does not have the SHA-256 sum of {file.stem}.json")
 
 

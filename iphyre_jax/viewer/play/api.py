@@ -8,17 +8,18 @@ from typing import Any, Final
 import iphyre_jax
 from iphyre_jax.checks import show
 from iphyre_jax.files import parse_json
+from iphyre_jax.paper import paper_numbers, paper_rewards
 from iphyre_jax.rules import NEVER, TIME_LIMIT
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene, scene_from_dict, scene_to_dict
+from iphyre_jax.scenes import SPLITS, Scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.files import scene_text
 from iphyre_jax.scenes.geometry import scene_warnings
+from iphyre_jax.scenes.library import is_game
 from iphyre_jax.viewer import themes
-from iphyre_jax.viewer.figures import figures, figures_of
 from iphyre_jax.viewer.load_plays import best_plays
 from iphyre_jax.viewer.pack import pack_play
 from iphyre_jax.viewer.play.guard import RefusedError
-from iphyre_jax.viewer.play.session import Session
+from iphyre_jax.viewer.play.session import ATTEMPTS, Session
 from iphyre_jax.viewer.play.simulator import Simulator, shared_simulator
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
 from iphyre_jax.viewer.recording import Recording
@@ -87,22 +88,22 @@ class Api:
             "version": iphyre_jax.__version__,
             "themes": themes.as_json(),
             "games": games + own,
-            "attempts": self._session.limit,
+            "attempts": ATTEMPTS,
             "seconds": TIME_LIMIT,
             "fps": FPS,
-            "source": {"source": figures()["source"], "protocol": figures()["protocol"]},
+            "source": {name: paper_numbers()[name] for name in ("source", "protocol")},
         }
 
     def _game(self, fields: Fields) -> object:
         """Return a scene, its play without removals, the scores in the paper, and the attempts so far."""
         scene = _read_scene(fields)
         untouched = self._record(_own_play(scene, [NEVER] * len(scene.eliminable_blocks)))
-        own = _is_game(scene)
+        own = is_game(scene)
         best = best_plays().get(scene.name) if own else None
         return {
             "scene": scene_to_dict(scene),
             "play": pack_play(untouched),
-            "figures": figures_of(scene.name) if own else {},
+            "figures": paper_rewards(scene.name) if own else {},
             "best": dict(best.result or {}) if best else None,
             "standing": self._session.standing(scene),
         }
@@ -139,11 +140,7 @@ class Api:
         return {"problems": [], "warnings": [*scene_warnings(scene), *_size_warnings(scene)], "file": scene_text(scene)}
 
     def _record(self, play: Play) -> Recording:
-        return self.simulator.record(play, is_game=_is_game(play.scene))
-
-
-def _is_game(scene: Scene) -> bool:
-    return scene.name in GAMES and scene == load_scene(scene.name)
+        return self.simulator.record(play, is_game=is_game(play.scene))
 
 
 def _size_warnings(scene: Scene) -> list[str]:

@@ -35,15 +35,13 @@ class Session:
     Args:
         path: the file of plays to which attempts are added; None to save none.
         name: the name of the person in the file.
-        limit: number of attempts in a series.
 
     Raises:
         OSError: the file cannot be read or written.
         ValueError: the file holds something else than plays; one line.
     """
 
-    def __init__(self, path: Path | None, name: str = "you", limit: int = ATTEMPTS) -> None:
-        self.limit = limit
+    def __init__(self, path: Path | None, name: str = "you") -> None:
         self._path, self._name = path, name
         if path is not None:
             open_plays(path)
@@ -59,8 +57,8 @@ class Session:
         """
         with self._lock:
             series = self._series.get(recording.scene) or _Series(1)
-            if len(series.tries) >= self.limit:
-                raise RefusedError(409, f"all {self.limit} attempts are used")
+            if len(series.tries) >= ATTEMPTS:
+                raise RefusedError(409, f"all {ATTEMPTS} attempts are used")
             if self._saved >= MAX_ATTEMPTS:
                 raise RefusedError(409, f"{MAX_ATTEMPTS} attempts are saved; start the server again")
             facts = {"attempt": len(series.tries) + 1, "series": series.number, **_provenance()}
@@ -72,7 +70,7 @@ class Session:
             series.tries.append(
                 Play(agent, recording.scene, recording.plan, recording.fps, result=result_of(recording))
             )
-            return _series_standing(series, self.limit)
+            return _series_standing(series)
 
     def begin_again(self, scene: Scene) -> dict[str, object]:
         """Begin a new series of attempts at a scene and return its standing."""
@@ -80,12 +78,12 @@ class Session:
             series = self._series.get(scene) or _Series(1)
             if series.tries:
                 series = self._series[scene] = _Series(series.number + 1)
-            return _series_standing(series, self.limit)
+            return _series_standing(series)
 
     def standing(self, scene: Scene) -> dict[str, object]:
         """Return the standing of the current series: rewards, the best one, attempts left."""
         with self._lock:
-            return _series_standing(self._series.get(scene) or _Series(1), self.limit)
+            return _series_standing(self._series.get(scene) or _Series(1))
 
     def attempts(self, scene: Scene) -> list[Play]:
         """Return the attempts of the current series."""
@@ -101,12 +99,12 @@ class Session:
             raise RefusedError(507, f"this attempt was not saved and does not count: {reason}") from error
 
 
-def _series_standing(series: _Series, limit: int) -> dict[str, object]:
+def _series_standing(series: _Series) -> dict[str, object]:
     rewards = [float(str(play.result["reward"])) for play in series.tries if play.result]
     return {
         "series": series.number,
         "rewards": rewards,
-        "left": limit - len(rewards),
+        "left": ATTEMPTS - len(rewards),
         "best": max(rewards, default=None),
     }
 

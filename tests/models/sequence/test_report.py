@@ -13,7 +13,7 @@ from iphyre_jax.scenes import GAMES
 
 
 def made_up(solved: float, seeds: int, episodes: int) -> dict[str, Any]:
-    success = np.random.default_rng(0).random((seeds, len(evaluation.PLAYED), episodes)) < solved
+    success = np.random.default_rng(0).random((seeds, len(evaluation.ALL_GAMES), episodes)) < solved
     return evaluation.result(1000.0 * success, success)
 
 

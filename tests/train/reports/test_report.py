@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from iphyre_jax.paper import paper_numbers
 from iphyre_jax.train.evaluate import Evaluation, GameScore, Score
 from iphyre_jax.train.reports import report
-from iphyre_jax.train.settings.run import TrainConfig
 
 
 def test_means_and_table_by_hand() -> None:
@@ -24,7 +24,7 @@ def test_means_and_table_by_hand() -> None:
     mean = evaluation.mean("greedy", "basic")
     assert (mean.reward, mean.success, mean.episodes) == (500.0, 0.5, 8)
     assert evaluation.splits == ("basic", "noisy")
-    first, second, human, *_ = report.split_rows(evaluation, TrainConfig())
+    first, second, human, *_ = report.split_rows(evaluation)
     assert first == ("ours, greedy", ("500.0  50%", "500.0 100%", "-", "-", "-"), True)
     assert second.cells[:2] == ("0.0   0%", "100.0 100%")
     assert human == ("paper: Human", ("898.0  92%", "879.2  90%", "798.7  83%", "800.8  83%", "844.2  88%"), False)
@@ -32,7 +32,7 @@ def test_means_and_table_by_hand() -> None:
 
 def test_paper_numbers_agree_with_their_table() -> None:
     """The split means that we print follow from the paper's table of forty games."""
-    paper = report.paper_numbers()
+    paper = paper_numbers()
     assert len(paper["per_game"]) == 40
     for agent, by_split in paper["agents"].items():
         if agent == "Oracle":

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from iphyre_jax.files import file_sum
 from iphyre_jax.train import trainer
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
@@ -52,7 +53,7 @@ def rewrite(path: Path, **changes: Any) -> None:
     """Change a manifest and make the sum fit, as whoever sends a hostile run folder would."""
     content = {**json.loads((path / manifest.MANIFEST).read_text()), **changes}
     (path / manifest.MANIFEST).write_text(json.dumps(content))
-    (path / manifest.SUM).write_text(f"{manifest.sum_of(path / manifest.MANIFEST)}\n")
+    (path / manifest.SUM).write_text(f"{file_sum(path / manifest.MANIFEST)}\n")
 
 
 def test_a_manifest_that_fits_is_not_trusted_with_sizes(tmp_path: Path) -> None:

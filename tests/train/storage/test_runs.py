@@ -17,6 +17,7 @@ from benchmarks.learning import agents, agents_document
 from benchmarks.learning import rows as tables
 from iphyre_jax.cli import main as cli
 from iphyre_jax.cli import train as train_commands
+from iphyre_jax.files import file_sum
 from iphyre_jax.train import collect, loop, trainer
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.reports import compare
@@ -262,7 +263,7 @@ def test_other_versions_are_evaluated_but_not_resumed(finished: loop.TrainingRes
         content = json.loads(path.read_text())
         content["versions"]["jax"] = "0.1.0"
         path.write_text(json.dumps(content))
-        path.with_name(manifest.SUM).write_text(f"{manifest.sum_of(path)}\n")
+        path.with_name(manifest.SUM).write_text(f"{file_sum(path)}\n")
     assert runs.load(folder)[0] == TINY
     with pytest.raises(ValueError, match=r"written with jax 0\.1\.0, here is jax .*: it can be evaluated, not resumed"):
         loop.resume(folder, QUIET)
@@ -309,7 +310,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
 def test_a_published_run_is_not_trained_again(
     finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(agents, "PLAYED", GAMES)
+    monkeypatch.setattr(agents, "ALL_GAMES", GAMES)
     arguments = agents.Arguments(root=tmp_path / "nothing", out=tmp_path / "out", seeds=1)
     published = arguments.published / "tiny" / "seed-0"
     assert not agents.is_published(published, TINY)
@@ -334,7 +335,7 @@ def test_an_evaluation_of_a_part_is_made_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """`iphyre-jax evaluate` had been used on the folder: on an older checkpoint, or on some of the games."""
-    monkeypatch.setattr(agents, "PLAYED", GAMES)
+    monkeypatch.setattr(agents, "ALL_GAMES", GAMES)
     folder = copy_of(finished, tmp_path / "run")
     evaluation = evaluate(TINY, finished.state.learner, games)
     runs.write_evaluation(folder, TINY, evaluation, updates)

@@ -91,11 +91,9 @@ def play(
     return build(scenes, game, times, labels.columns(draw), recipe, Journal(), entries)
 
 
-def collect_game(
-    game: str, *, scenes: int = SCENES, plans: int = PLANS, near: int = NEIGHBOURS, seed: int = 0
-) -> Dataset:
+def collect_game(game: str, *, scenes: int = SCENES, plans: int = PLANS, seed: int = 0) -> Dataset:
     """Play variations of a game with random plans and with neighbours of the solutions found."""
-    return collect_scenes(scenes_of(game, scenes, seed), plans, near, seed)
+    return collect_scenes(scenes_of(game, scenes, seed), plans, seed=seed)
 
 
 def collect_scenes(

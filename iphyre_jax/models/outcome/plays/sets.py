@@ -25,7 +25,6 @@ MOST_DRAWS: Final = 20_000  # of a game
 LARGE: Final = 1000  # of a kind, of each basic game, that `relations` learns beside variations
 LARGE_SEED: Final = 1
 HELD_SCENES: Final = 20  # one varied or generated scene in so many is held out
-DEFAULT_FOLDER: Final = Path("build/outcome/data")
 
 TRAINED: Final = "training"
 HELD: Final = "held-out basic"

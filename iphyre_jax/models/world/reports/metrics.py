@@ -58,13 +58,13 @@ def _balls(plays: Plays) -> npt.NDArray[np.bool_]:
     return np.asarray(ball & np.asarray(plays.scenes.moves))
 
 
-def moving_windows(plays: Plays, count: int = WINDOWS) -> Integers:
+def moving_windows(plays: Plays) -> Integers:
     """Beginnings (W, 2), play and instant, at which a ball moves; always the same ones."""
     state, scene = np.asarray(plays.state), np.asarray(plays.scene)
     speed = np.linalg.norm(state[..., 3:5], axis=-1)
     moving = ((speed > MOVING) & _balls(plays)[scene][:, None]).any(axis=-1)
     found = np.argwhere(moving & (np.arange(state.shape[1]) + 1 < np.asarray(plays.valid)[:, None]))
-    chosen = np.random.default_rng(0).permutation(len(found))[:count]
+    chosen = np.random.default_rng(0).permutation(len(found))[:WINDOWS]
     return found[np.sort(chosen)].astype(np.int32)
 
 
