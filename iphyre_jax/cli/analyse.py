@@ -29,11 +29,12 @@ from iphyre_jax.analyses import (
 from iphyre_jax.analyses.imagination import report as imagination
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.ask import Ask
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option
 from iphyre_jax.files import file_sum, replace_text
 from iphyre_jax.kept_rows import Row, read_rows
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
+from iphyre_jax.train.reports.printing import say
 
 What = Literal[
     "oracle",

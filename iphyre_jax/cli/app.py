@@ -19,7 +19,7 @@ from rich.table import Table
 
 from iphyre_jax.checks import check_option
 from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, world
-from iphyre_jax.cli.console import CommandConsole, option, say
+from iphyre_jax.cli.console import CommandConsole, option
 from iphyre_jax.cli.signals import until_signal
 from iphyre_jax.cli.viewer import pages, render
 from iphyre_jax.cli.viewer.pages import PlayPage, Replay, Score
@@ -30,7 +30,7 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
-from iphyre_jax.train.reports.printing import print_table
+from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.train.storage import pretrained
 
 NARROWEST = 20  # columns of a help text

@@ -18,12 +18,13 @@ from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
-from iphyre_jax.cli.console import option, refuse_unread, say
+from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.files import check_apart, replace_json, replace_text
 from iphyre_jax.locks import locked
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.reports.printing import say
 
 ROWS_SCHEMA = "iphyre_jax/ask-rows"
 TRANSCRIPT, ROWS = "transcript.jsonl", "rows.json"  # of a run folder

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.files import check_output
 from iphyre_jax.models.outcome import compare, storage
@@ -18,6 +18,7 @@ from iphyre_jax.models.outcome.plays.sets import COLUMNS, play_sets
 from iphyre_jax.models.outcome.report import TITLES, cell
 from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import Comparison
+from iphyre_jax.train.reports.printing import say
 
 ROOT = Path("build/outcome")
 

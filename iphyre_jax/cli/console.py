@@ -42,11 +42,6 @@ def refuse_unread(command: Any, read: Collection[str], why: str) -> None:  # noq
             raise ValueError(f"{entry.name}: expected none {why}, got {show(shown)}")
 
 
-def say(console: Console, text: str) -> None:
-    """Print text as it is: no markup, no colours, no line breaks of our own."""
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
 def option(metavar: str, text: str, default: str | None = None, *, aliases: tuple[str, ...] = ()) -> object:
     """Describe an option: the name of its value, its help text, and how the help shows the default."""
     hint = None if default is None else f"(default: {default})" if default else ""

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from iphyre_jax.adapters.minari_writer import check_minari
 from iphyre_jax.checks import show
-from iphyre_jax.cli.console import option, refuse_unread, say
+from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.dataset import ARRAYS, SCHEMA, check_target
@@ -33,6 +33,7 @@ from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
+from iphyre_jax.train.reports.printing import say
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.viewer.plays import holds_plays, iter_plays

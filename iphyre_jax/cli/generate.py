@@ -11,13 +11,14 @@ from typing import Annotated, Literal
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.cli.console import option, refuse_unread, say
+from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.dataset import check_target
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
 from iphyre_jax.data.generated.pool import ARRAYS, SCHEMA
 from iphyre_jax.files import check_output, check_writable
+from iphyre_jax.train.reports.printing import say
 
 PICTURES = 40  # of a sheet
 COLUMNS = 8

@@ -10,9 +10,10 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option
 from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
 from iphyre_jax.scenes.geometry import scene_warnings
+from iphyre_jax.train.reports.printing import say
 
 
 @dataclass(frozen=True)

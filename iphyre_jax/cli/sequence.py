@@ -12,13 +12,14 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.analyses import oracle
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.files import check_output
 from iphyre_jax.models.sequence import compare, report, storage
 from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.reports.printing import say
 
 ROOT = Path("build/sequence")
 

@@ -10,8 +10,8 @@ from types import FrameType
 
 from rich.console import Console
 
-from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
+from iphyre_jax.train.reports.printing import say
 
 
 @contextmanager

@@ -19,7 +19,6 @@ from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import say
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
@@ -30,7 +29,7 @@ from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.evaluate import Evaluation, evaluate
 from iphyre_jax.train.reports import compare
-from iphyre_jax.train.reports.printing import print_table
+from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.run import TrainConfig, preset
@@ -146,7 +145,7 @@ def _run(command: TrainingCommand, console: Console) -> int:
     """Run a training command and return the exit code; INTERRUPTED if a signal ended it early."""
     if isinstance(command, Train):
         command.config.check_start()
-        folder = command.out or runs.default_path(command.config)
+        folder = command.out or runs.new_folder(command.config)
         with compiled_ahead(command.config, _others(command.config) if command.evaluate else ()):
             return _finish(loop.train(command.config, folder, console), console, command.evaluate)
     if isinstance(command, Resume):

@@ -13,7 +13,7 @@ from rich.console import Console
 from iphyre_jax.attempts.agents import random_plans
 from iphyre_jax.attempts.planner import preferred
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import option, say
+from iphyre_jax.cli.console import option
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.cli.viewer.render import Plan
 from iphyre_jax.files import check_apart, check_output, replace_text
@@ -27,6 +27,7 @@ from iphyre_jax.models.world.roll_outs import draw_errors, frame_seconds, roll_o
 from iphyre_jax.plans import parse_plan, plan_to_steps
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.simulation import simulate
+from iphyre_jax.train.reports.printing import say
 from iphyre_jax.viewer.page import replay_page
 
 ROOT = Path("build/world")

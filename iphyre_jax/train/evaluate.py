@@ -14,7 +14,7 @@ from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.scenes.library import SPLIT_OF
-from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.base import State, not_finite
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
 from iphyre_jax.train.observations import slot_mask
@@ -101,7 +101,8 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
     Raises:
         ValueError: a number of the policy is not finite; one line that names its array.
     """
-    _require_finite(algorithm(config).inference_state(learner))
+    if name := not_finite(algorithm(config).inference_state(learner)):
+        raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
     agent, episodes = algorithm(config), 1 + config.sampled_episodes
     greedy = agent.greedy_policy(learner)
     first = np.arange(len(games) * episodes) % episodes == 0
@@ -126,14 +127,6 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
         for index, game in enumerate(games)
     )
     return Evaluation(scores, int((stats.fault != 0).sum()))
-
-
-def _require_finite(state: State) -> None:
-    """Refuse a policy with a NaN or an infinity: what it would do is an accident, and no score of its training."""
-    for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-        if jnp.issubdtype(leaf.dtype, jnp.floating) and not bool(jnp.isfinite(leaf).all()):
-            name = jax.tree_util.keystr(path, simple=True, separator=".")
-            raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
 
 
 def _score(stats: EpisodeStats, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> Score:

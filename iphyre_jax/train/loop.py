@@ -18,6 +18,8 @@ from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.predictions import with_prediction_sum
 from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
+from iphyre_jax.train.reports.printing import say
+from iphyre_jax.train.scenes import with_whole_paths
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs, runs
 from iphyre_jax.train.storage.logs import Log
@@ -53,13 +55,13 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
         OSError: one line; another process trains there, or a file cannot be written. What was saved can be resumed.
     """
     config.check_start()
-    config = with_prediction_sum(with_sum(config))
+    config = with_prediction_sum(with_sum(with_whole_paths(config)))
     if config.tensorboard:
         logs.import_tensorboard()
     runs.make_folder(folder)
     with locked(folder):
         runs.create(folder, config)
-        console.print(f"Run folder: {folder}")
+        say(console, f"Run folder: {folder}")
         return _continue(config, folder, trainer.start(config), console)
 
 
@@ -74,21 +76,28 @@ def resume(folder: Path, console: Console, name: str | None = None) -> TrainingR
         OSError: one line; another process trains there, or a file cannot be written.
     """
     config = runs.read_config(folder)
+    runs.check_scenes(folder, config)
     with locked(folder):
         if name is None and not checkpoint.names(folder):
             state = trainer.start(config)
         else:
             state = checkpoint.load(folder, config, name, to_resume=True)
+        say(console, f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
+        if change := runs.other_machine(folder):
+            say(console, f"Run folder: {change}.")
         for later in checkpoint.names(folder):
-            if int(later) > int(state.update):  # damaged, else it would have been chosen
+            if int(later) > int(state.update):  # damaged, or another one was named
+                say(console, f"Checkpoint {later} is removed: the run goes on from an earlier one.")
                 checkpoint.remove(folder, later)
-        console.print(f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
         return _continue(config, folder, state, console)
 
 
 def _continue(config: TrainConfig, folder: Path, state: RunState, console: Console) -> TrainingResult:
     """Make the updates that are left."""
     log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
+    if log.missing:
+        lost = f"expected a line for each of {int(state.update)} updates, but {log.missing} are missing"
+        say(console, f"{folder / logs.FILE}: {lost}; the run goes on without them")
     made = logs.read(folder, ("seconds",))
     trained = Trainer(config, state, float(made[-1]["seconds"]) if made else 0.0)
     finished, saved = False, time.monotonic()
@@ -102,6 +111,7 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
                     log.add(metrics)
                     state = trained.state  # what is saved has a line, whenever an interrupt or a full disk comes
                     if time.monotonic() - saved >= config.checkpoint_seconds:
+                        log.sync()
                         checkpoint.save(folder, config, state)
                         saved = time.monotonic()
                 progress.update(task, advance=1, status=_status(metrics, config))
@@ -111,6 +121,7 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
     finally:
         with _signals_held(drop=not finished):
             try:
+                log.sync()
                 checkpoint.save(folder, config, state)
             finally:
                 log.close()

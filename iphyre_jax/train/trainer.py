@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from iphyre_jax.train.algos.base import not_finite
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import PolicyOutput, rollout_collector
 from iphyre_jax.train.pool import draw_scenes, open_pool, recorded, start_curriculum
@@ -73,7 +74,11 @@ class Trainer:
         self._begun = time.monotonic() - seconds
 
     def update_step(self) -> Metrics:
-        """Play and learn once; returns the metrics of the update."""
+        """Play and learn once; returns the metrics of the update.
+
+        Raises:
+            ValueError: training has diverged: the policy is no longer finite; one line. `state` is that before it.
+        """
         config, state, begin = self._config, self.state, time.monotonic()
         update = int(state.update) + 1
         key, play_key, learn_key = jax.random.split(state.key, 3)
@@ -92,6 +97,8 @@ class Trainer:
         learning = time.monotonic()
         learner, metrics = self._algorithm.learn(state.learner, learn_key, trajectory, len(scenes))
         learner, metrics = jax.block_until_ready((learner, metrics))
+        if name := not_finite(self._algorithm.inference_state(learner)):
+            raise ValueError(f"update {update}: {name}: expected finite numbers, got NaN or infinity: it diverged")
         curriculum = state.curriculum
         if len(which):
             curriculum = recorded(curriculum, which, stats.success.reshape(len(scenes), -1)[-len(which) :])
@@ -105,7 +112,7 @@ class Trainer:
             "success": float(stats.success.mean()),
             "greedy_reward": greedy,
             "faults": int((stats.fault != 0).sum()),
-            **{name: float(metrics[name]) for name in self._algorithm.METRICS},
+            **{name: None if np.isnan(value := float(metrics[name])) else value for name in self._algorithm.METRICS},
             "seconds": end - self._begun,
             "play_seconds": learning - begin,
             "learn_seconds": end - learning,

@@ -17,13 +17,13 @@ from rich.table import Table
 from rich.text import Text
 
 from iphyre_jax.checks import show
-from iphyre_jax.cli.console import option, say, warnings_in_one_line
+from iphyre_jax.cli.console import option, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.paper import paper_rewards
 from iphyre_jax.scenes import Scene, read_scene
 from iphyre_jax.scenes.library import is_game
 from iphyre_jax.scenes.limits import MAX_NAME
-from iphyre_jax.train.reports.printing import print_table
+from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api

@@ -12,11 +12,12 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.checks import check_least
-from iphyre_jax.cli.console import option, refuse_unread, say, warnings_in_one_line
+from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.scenes.library import SPLIT_OF
+from iphyre_jax.train.reports.printing import say
 from iphyre_jax.viewer.load_plays import BEST, each_play
 from iphyre_jax.viewer.recording import Recording, record
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import platform
 import re
@@ -17,7 +18,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,8 @@ def private_folder(folder: Path) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
         about = folder.stat()
+    except FileExistsError:  # what `mkdir` says of a file in a folder's place
+        raise ValueError(f"cache: cannot use {folder}: it, or what it stands in, is no folder") from None
     except OSError as error:
         raise ValueError(f"cache: cannot use {folder}: {error.strerror}") from None
     except RuntimeError as error:  # there is no home folder
@@ -114,12 +117,21 @@ def claimed(path: Path) -> Iterator[bool]:
         yield is_ours
 
 
-def wait_for_claim(path: Path) -> None:
-    """Wait until no other process claims an entry; an interrupt ends the wait."""
+def wait_for_claim(path: Path, until: float = math.inf, show: Callable[[], None] = lambda: None) -> bool:
+    """Wait until no other process claims an entry, and return whether that came; an interrupt ends the wait.
+
+    Args:
+        path: of the entry.
+        until: s, on the monotonic clock; then it waits no longer.
+        show: called again and again meanwhile.
+    """
     while True:
         with claimed(path) as is_free:
             if is_free:
-                return
+                return True
+        if time.monotonic() >= until:
+            return False
+        show()
         time.sleep(WAIT)
 
 

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +35,7 @@ Run = Callable[..., Arrays]
 
 LOADED: Final = 96  # programs in memory, some 20 MB each; the least recently prepared goes first
 COST: Final = "steps may take 3 times as long"
+PATIENCE: Final = 300.0  # s, that another process may take to compile what this one waits for
 TELL_EVERY: Final = 60.0  # s of compilation, where there is no terminal
 SLOW: Final = "ten and more moving objects take minutes; configure(compile_timeout=...) sets a limit"
 
@@ -111,9 +113,16 @@ def _load_all(programs: Sequence[Program], folder: Path) -> None:
             if missing:
                 _compile_all(missing, entries, folder)
         left = [program for program in left if program not in own]
-        for program in left:
-            cache_folder.wait_for_claim(entries[program][0])
+        until = time.monotonic() + (configuration.compile_timeout() or PATIENCE)
+        kept_back = []
+        for done, program in enumerate(left):
+            if not cache_folder.wait_for_claim(entries[program][0], until, partial(_show, done, len(left))):
+                kept_back.append(program)
+        _clear()
         left = [program for program in left if not _load(program, *entries[program])]
+        if stuck := [program for program in left if program in kept_back]:  # stopped, or slower than we would be
+            _compile_all(stuck, entries, folder)
+            left = [program for program in left if program not in stuck]
 
 
 def _compile_all(

@@ -29,6 +29,7 @@ from iphyre_jax.models.settings import wanted_rows
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.train.reports.printing import say
 
 ROWS: Final = {
     config.name: config
@@ -138,7 +139,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
                     for seed in range(config.seeds)
                 ]
         report.write(where.out, found, agents, [row for row in ROWS if row not in found], facts)
-    console.print(f"Written: {where.out}")
+    say(console, f"Written: {where.out}")
 
 
 def _ranking(networks: Path, seed: int) -> Agent:

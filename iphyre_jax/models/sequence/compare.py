@@ -16,6 +16,7 @@ from iphyre_jax.models.settings import wanted_rows
 from iphyre_jax.models.storage import BEST, Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.rules import OFFICIAL_FPS
+from iphyre_jax.train.reports.printing import say
 
 _OURS: Final = settings("ours")
 _LARGE: Final = dataclasses.replace(_OURS, data="large", updates=1000)
@@ -100,4 +101,4 @@ def compare(
         if name in SHIPPED and where.weights is not None and (where.root / name / BEST).is_dir():
             storage.save_model(storage.load_model(name, where.root / name / BEST), where.weights)
         report.write(where.out, found, below, best, [row for row in ROWS if row not in found], facts)
-    console.print(f"Written: {where.out}")
+    say(console, f"Written: {where.out}")

@@ -22,6 +22,7 @@ from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.scenes import SPLITS
+from iphyre_jax.train.reports.printing import say
 
 SEEDS: Final = (0, 1, 2)
 SHIPPED: Final = "objects-unlimited"
@@ -148,7 +149,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
         folders = [where.root / row_settings(SHIPPED, seed).name for seed in SEEDS]
         if all((folder / EVALUATION).is_file() for folder in folders):
             ship(folders, where.weights)
-    console.print(f"Written: {where.out}")
+    say(console, f"Written: {where.out}")
 
 
 def write_report(where: Comparison) -> None:

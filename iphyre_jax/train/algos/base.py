@@ -137,3 +137,11 @@ def global_norm(tree: Params) -> jax.Array:
 def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:
     """() mean of the values of weight 1; 0 if there are none."""
     return (values * weight).sum() / jnp.maximum(weight.sum(), 1.0)
+
+
+def not_finite(state: State) -> str:
+    """Return the name of the first array of a state that holds NaN or infinity; empty if there is none."""
+    for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not bool(jnp.isfinite(leaf).all()):
+            return jax.tree_util.keystr(path, simple=True, separator=".")
+    return ""

@@ -47,7 +47,7 @@ class OffPolicyAlgorithm(Algorithm[S]):
 
     @jitted(0, 4)
     def learn(self, state: State, key: jax.Array, trajectory: Trajectory, num_scenes: int) -> tuple[State, Metrics]:
-        """See `Algorithm`; metrics are means over the gradient steps."""
+        """See `Algorithm`; metrics are means over the gradient steps, NaN without any."""
         del num_scenes
         add_key, key = jax.random.split(key)
         buffer = replay.add(self.config, self.settings, state.buffer, trajectory, add_key)
@@ -56,7 +56,7 @@ class OffPolicyAlgorithm(Algorithm[S]):
         return State(train_state, buffer, num_updates), jax.tree.map(jnp.mean, metrics)
 
     def update_from_buffer(self, state: State, buffer: Buffer, key: jax.Array) -> tuple[TrainState, Metrics]:
-        """Make the gradient steps of an update; none, and zeros as metrics, until the buffer holds `warmup`."""
+        """Make the gradient steps of an update; none, and NaN as metrics, until the buffer holds `warmup`."""
         settings = self.settings
 
         def step(carry: TrainState, key: jax.Array) -> tuple[TrainState, Metrics]:
@@ -68,7 +68,9 @@ class OffPolicyAlgorithm(Algorithm[S]):
         steps = partial(jax.lax.scan, step, xs=jax.random.split(key, settings.gradient_steps))
 
         def nothing(carry: TrainState) -> tuple[TrainState, Metrics]:
-            return carry, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(steps, carry)[1])
+            return carry, jax.tree.map(
+                lambda leaf: jnp.full(leaf.shape, jnp.nan, leaf.dtype), jax.eval_shape(steps, carry)[1]
+            )
 
         train_state, metrics = jax.lax.cond(buffer.size >= settings.warmup, steps, nothing, state.train_state)
         return train_state, metrics

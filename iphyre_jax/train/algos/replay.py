@@ -33,7 +33,7 @@ class Transition(NamedTuple):
 
 
 class Buffer(NamedTuple):
-    """A ring; each update overwrites the oldest transitions."""
+    """A ring of rows; each update overwrites the oldest. Rows of episodes that had ended have weight 0."""
 
     transitions: Transition  # (capacity, ...)
     position: jax.Array  # () int32, row that the next update writes first

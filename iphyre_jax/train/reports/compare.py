@@ -229,12 +229,14 @@ def draw_curves(path: Path, agents: Sequence[Row]) -> None:
     figure = Figure(figsize=(8, 5.5), dpi=100, layout="constrained")
     axes = figure.add_subplot()
     for k, (row, name) in enumerate(zip(agents, names(agents), strict=True)):
-        lines = [logs.read(seed.path, ("reward", "decisions")) for seed in row.seeds]
-        length = min(len(each) for each in lines)
-        if length < 2:
+        lines = [
+            {int(line["update"]): line for line in logs.read(seed.path, ("reward", "decisions"))} for seed in row.seeds
+        ]
+        updates = sorted(set.intersection(*map(set, lines)))  # that all seeds have
+        if len(updates) < 2:
             continue
-        reward = np.array([[float(line["reward"]) for line in each[:length]] for each in lines])
-        decisions = np.mean([[float(line["decisions"]) for line in each[:length]] for each in lines], axis=0)
+        reward = np.array([[float(each[update]["reward"]) for update in updates] for each in lines])
+        decisions = np.mean([[float(each[update]["decisions"]) for update in updates] for each in lines], axis=0)
         axes.plot(decisions, reward.mean(axis=0), linewidth=1.2, color=_colour(k), label=name)
         axes.fill_between(decisions, reward.min(axis=0), reward.max(axis=0), color=_colour(k), alpha=0.15)
     axes.set(xscale="log", xlabel="decisions", ylabel="mean reward of training episodes")

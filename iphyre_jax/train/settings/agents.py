@@ -108,15 +108,15 @@ class OffPolicy:
     n_step: int = _count(1)
     """Decisions whose rewards are summed before the value network takes over."""
     buffer_size: int = _count(100_000)
-    """Transitions kept; the oldest go first."""
+    """Rows kept, among them those of episodes that had ended; the oldest go first. At least the rows of an update."""
     samples_per_update: int = 0
     """Decisions of an update to keep, drawn at random; 0 for all."""
     batch_size: int = _count(256)
-    """Transitions in a gradient step."""
+    """Rows in a gradient step; those of episodes that had ended weigh nothing."""
     gradient_steps: int = _count(64)
     """Gradient steps in an update."""
     warmup: int = 1000
-    """Transitions that must be kept before learning begins."""
+    """Rows that must be kept before learning begins."""
     tau: float = _share(0.005)
     """Share of the way that target networks move to the learned ones in a gradient step."""
 

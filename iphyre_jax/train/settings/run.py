@@ -41,7 +41,8 @@ class TrainConfig:
     """Train on the games of this split, each equally often: basic, noisy, compositional, multi_ball or unseen_basic."""
 
     games: tuple[str, ...] = ()
-    """Train on these games, by name or scene file, instead of a whole split."""
+    """Train on these games, by name or scene file, instead of a whole split. A run writes down the whole path of a
+    file when it starts, and the sum of its scene."""
 
     variations: int = 0
     """Shifted, mirrored, stretched and jittered copies of each game to train on as well (in advance only)."""

@@ -11,6 +11,8 @@ manifest.sha256   SHA-256 of manifest.json
 from __future__ import annotations
 
 import logging
+import os
+import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -167,7 +169,9 @@ def _offer(run: Path, config: TrainConfig, damaged: str) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    """The first line of an error."""
+    """The first line of an error, or what the system says of it: orbax gives a number at the end of a long line."""
+    if number := re.search(r"os_error_code='?([0-9]+)", str(error)):
+        return os.strerror(int(number[1]))
     return one_line((str(error).strip().splitlines() or [type(error).__name__])[0])[:MAX_MESSAGE]
 
 

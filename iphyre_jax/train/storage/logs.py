@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import io
+import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -96,17 +97,22 @@ class Log:
     def __init__(self, run: Path, columns: Sequence[str], update: int, *, tensorboard: bool) -> None:
         """Begin the logs, or continue after so many updates; later lines are removed, they will be written again.
 
+        Attributes:
+            missing: how many of the updates made so far have no line; a disk that lost power may have lost some.
+
         Raises:
             ValueError: metrics.csv is there and holds something else; one line. It stays as it is.
         """
         self._file = run / FILE
         self._columns = tuple(columns)
+        self.missing = update
         with replacing(self._file) as draft, draft.open("w", encoding="utf-8") as file:
             file.write(_text(self._columns))
             lines = _lines(self._file, (), self._columns) if self._file.exists() else ()
             for line in lines:
                 if int(line["update"]) <= update:
                     file.write(_text([line[name] for name in self._columns]))
+                    self.missing -= 1
         self._summary_writer: Any = _summary_writer(run / TENSORBOARD, update) if tensorboard else None
 
     def add(self, metrics: Metrics) -> None:
@@ -122,6 +128,15 @@ class Log:
                 if value is not None:
                     self._summary_writer.add_scalar(name, value, metrics["update"])
             self._summary_writer.flush()
+
+    def sync(self) -> None:
+        """Wait until all lines are on the disk, so that no checkpoint is there without them.
+
+        Raises:
+            OSError: they cannot be written; one line.
+        """
+        with naming(self._file), self._file.open("rb") as file:
+            os.fsync(file.fileno())
 
     def close(self) -> None:
         """Close what is open."""

@@ -10,7 +10,9 @@ ensemble.json     and ensemble.md: those of an ensemble of this run and others
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -21,6 +23,7 @@ from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
+from iphyre_jax.train.scenes import scene_sums
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs
@@ -29,15 +32,26 @@ from iphyre_jax.train.trainer import RunState
 SCHEMA: Final = "iphyre_jax/run"
 VERSION: Final = 3  # version 2 has the names of `old_names`
 CONFIG, EVALUATION, OF_ENSEMBLE = "config.json", "evaluation.json", "ensemble.json"
+SCENES: Final = "scenes_sha256"  # in config.json, of the scene files among the games
 PUBLISHED: Final = (CONFIG, logs.FILE, EVALUATION)  # of an evaluated run; scores last, for they say that it is whole
 
 
-def default_path(config: TrainConfig, root: Path = Path("runs")) -> Path:
-    """A new folder's path, named after the run and the time."""
+def new_folder(config: TrainConfig, root: Path = Path("runs")) -> Path:
+    """Make a folder for a run, named after it and the time, with a number if another run has that name.
+
+    Raises:
+        OSError: it cannot be made.
+    """
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     trained_on = "some-games" if config.games else config.split
     name = f"{config.agent}-{config.strategy}-{config.head}-{trained_on}-{config.fps}fps-seed{config.seed}-{stamp}"
-    return root / name
+    root.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        folder = root / (name if number == 1 else f"{name}-{number}")
+        with suppress(FileExistsError):
+            folder.mkdir()  # one process makes it
+            return folder
+    raise AssertionError
 
 
 def make_folder(path: Path) -> None:
@@ -61,7 +75,30 @@ def create(path: Path, config: TrainConfig) -> None:
     make_folder(path)
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
-    replace_json(path / CONFIG, {**content, "started": started, **provenance()})
+    replace_json(path / CONFIG, {**content, SCENES: scene_sums(config), "started": started, **provenance()})
+
+
+def check_scenes(path: Path, config: TrainConfig) -> None:
+    """Refuse to go on with other scenes than a run began with.
+
+    Raises:
+        ValueError, OSError: one line; a scene file among the games was changed, or is gone.
+    """
+    written = read_json_object(path / CONFIG).get(SCENES, {})
+    for file, found in scene_sums(config).items():
+        if isinstance(written, dict) and written.get(file, found) != found:
+            raise ValueError(f"games: expected the scene that the run began with, but {file} was changed")
+
+
+def other_machine(path: Path) -> str:
+    """Say in one line how this machine differs from that on which a run began; empty if it does not.
+
+    How many cores share out a sum decides how it rounds.
+    """
+    written, here = read_json_object(path / CONFIG), provenance()
+    parts = [name for name in ("device", "machine") if written.get(name, here[name]) != here[name]]
+    changes = "; ".join(f"{show(written[name])}, here {show(here[name])}" for name in parts)
+    return f"begun on {changes}: the bits may differ from those of a run without a stop" if parts else ""
 
 
 def publish(path: Path, published: Path) -> None:

@@ -129,6 +129,9 @@ def test_one_process_makes_an_entry(entry: Path, end: str) -> None:
     assert other.stdout.readline() == "True\n"
     with claimed(entry) as is_mine:
         assert not is_mine
+    shown: list[bool] = []
+    assert not wait_for_claim(entry, time.monotonic() + 0.2, lambda: shown.append(True))
+    assert shown
     waiting = threading.Thread(target=wait_for_claim, args=(entry,))
     waiting.start()
     time.sleep(0.2)

@@ -230,6 +230,19 @@ def test_compilation_that_takes_too_long_is_ended(folder: Path, monkeypatch: pyt
     assert simulate("hole", [[-1]], fps=10, duration=1).steps == [10]
 
 
+def test_a_claim_of_a_stopped_process_is_not_waited_for_without_end(
+    folder: Path, compiled: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = bits()
+    (entry,) = folder.glob("*.program")
+    entry.unlink()
+    monkeypatch.setattr(executables, "_loaded", {})
+    monkeypatch.setattr(executables, "PATIENCE", 0.1)
+    with cache_folder.claimed(entry):
+        assert bits() == expected
+    assert len(compiled) == 2
+
+
 NO_PROCESS = {
     "no process": "no process can be started",
     "unknown option": "the compiling process ended with status",

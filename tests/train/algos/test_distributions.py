@@ -11,9 +11,9 @@ import pytest
 
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.rules import FRAMES
 from iphyre_jax.train.algos.distributions import (
     HEADS,
-    INSTANTS,
     CategoricalHead,
     DeterministicHead,
     GaussianHead,
@@ -36,10 +36,10 @@ def of_slot_0(values: list[float], width: int) -> jax.Array:
 
 def test_slot_head_starts_at_its_prior() -> None:
     head = TimeGridHead(never=0.25, scale=4.0)
-    raw_actions = jnp.tile(jnp.arange(INSTANTS)[:, None], (1, 6))
-    only = jnp.zeros((INSTANTS, 6), bool).at[:, 0].set(True)
-    probability = np.exp(head.log_prob(head.distribution(jnp.zeros((INSTANTS, *head.shape)), only), raw_actions, only))
-    weight = np.exp(-np.arange(1, INSTANTS) / 10 / 4.0)
+    raw_actions = jnp.tile(jnp.arange(FRAMES)[:, None], (1, 6))
+    only = jnp.zeros((FRAMES, 6), bool).at[:, 0].set(True)
+    probability = np.exp(head.log_prob(head.distribution(jnp.zeros((FRAMES, *head.shape)), only), raw_actions, only))
+    weight = np.exp(-np.arange(1, FRAMES) / 10 / 4.0)
     np.testing.assert_allclose(probability[0], 0.25, rtol=1e-5)
     np.testing.assert_allclose(probability[1:], 0.75 * weight / weight.sum(), rtol=1e-4)
 
@@ -63,10 +63,10 @@ def test_only_slots_with_a_block_count() -> None:
 
 def test_every_slot_is_its_own_instant() -> None:
     """Choice k is played before decision k, 0 never: the whole way through action, seconds and rounding."""
-    raw_actions = jnp.zeros((INSTANTS, 6), jnp.int32).at[:, 0].set(jnp.arange(INSTANTS))
+    raw_actions = jnp.zeros((FRAMES, 6), jnp.int32).at[:, 0].set(jnp.arange(FRAMES))
     actions = np.asarray(TimeGridHead().action(raw_actions))
     steps = plan_to_steps(action_to_times(actions), 10, "in_advance")[:, 0]
-    np.testing.assert_array_equal(steps, [-1, *range(1, INSTANTS)])
+    np.testing.assert_array_equal(steps, [-1, *range(1, FRAMES)])
 
 
 def test_blocks_of_one_instant_go_one_after_the_other() -> None:
