@@ -8,8 +8,11 @@ scenes, half of them basic games and variations of them, half generated ones.
 
 "paper" follows the paper and the official code (RLlib's defaults where that code sets nothing). It differs in this: all
 episodes of an update are whole and begin together; replay is uniform, RLlib's is prioritised; DDPG's noise is not
-correlated in time, which has no meaning in advance; alpha and the entropy target of discrete SAC are in units of 1000
-points; rewards of failed episodes are never bootstrapped.
+correlated in time, which has no meaning in advance; DQN's target network follows the learned one softly, RLlib's is
+copied every 500 decisions; rewards of failed episodes are never bootstrapped. Advantages, alpha and the entropy target
+of discrete SAC are in units of 1000 points, and losses are means. So A2C weighs the entropy with RLlib's 0.01 / 1000,
+three times that where actions are times: RLlib adds up the entropies of the blocks, and we average them. Its limit of
+the gradient's norm, 40 points for the sum over a batch, always binds there and hardly ever here.
 """
 
 from __future__ import annotations
@@ -64,7 +67,8 @@ _EXPLORING: Final[dict[str, Any]] = {"ent_coef": 0.15, "std_floor": 10.0}  # els
 _SMALL: Final[dict[str, Any]] = {"activation": "relu", "hidden_sizes": (128, 128), "episodes_per_scene": 32}
 _SQUASHED: Final[dict[str, Any]] = {"activation": "relu", "head": "tanh_normal"}
 _RLLIB: Final[dict[str, Any]] = {"anneal_lr": False, "critic": True, "gamma": 0.99, "gae_lambda": 1.0}
-_RLLIB_A2C: Final[dict[str, Any]] = _RLLIB | {"max_grad_norm": 40.0, "normalize_advantage": "none"}
+_RLLIB_A2C: Final[dict[str, Any]] = _RLLIB | {"max_grad_norm": 40.0, "normalize_advantage": "none", "ent_coef": 1e-5}
+_TIMES_A2C: Final[dict[str, Any]] = _RLLIB_A2C | {"learning_rate": 1e-5, "ent_coef": 3e-5}
 _RLLIB_PPO: Final[dict[str, Any]] = _RLLIB | {
     "learning_rate": 1e-6,
     "max_grad_norm": 1e9,
@@ -132,8 +136,8 @@ _A2C: Final = AgentSpec(
         "on-the-fly": _run(A2C(**_CRITIC, minibatches=16), 40, 32, **_FLY),
     },
     paper={
-        "in-advance": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5), 852, 50, head="gaussian"),
-        "combined": _run(A2C(**_RLLIB_A2C, learning_rate=1e-5, samples_per_update=500), 1600, 20, head="gaussian"),
+        "in-advance": _run(A2C(**_TIMES_A2C), 852, 50, head="gaussian"),
+        "combined": _run(A2C(**_TIMES_A2C, samples_per_update=500), 1600, 20, head="gaussian"),
         "on-the-fly": _run(
             A2C(**_RLLIB_A2C, learning_rate=1e-6, minibatches=8, samples_per_update=4000), 200, 4, head="uniform"
         ),
