@@ -1,6 +1,6 @@
 """Trained policies that ship with the package: the best seed of an agent of docs/results/results.md.
 
-`origin` names the training; results.md may hold a later one of the same settings. Each is two files of `weights/`.
+`origin` names the training, one of the seeds of results.md. Each is two files of `weights/`.
 They are data and run no code when loaded:
 
 NAME.npz    the arrays that inference needs, in float16
