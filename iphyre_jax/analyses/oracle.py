@@ -17,7 +17,7 @@ from iphyre_jax.analyses.figures import COLUMNS, by_split
 from iphyre_jax.analyses.orders import BlockOrder, executed_order, feasible_orders, possible_orders
 from iphyre_jax.analyses.search import decide, search_plans
 from iphyre_jax.analyses.slack import slack_of
-from iphyre_jax.files import read_json_object, read_versioned, replace_text
+from iphyre_jax.files import read_versioned, replace_text
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.rules import DECISIONS_PER_SECOND
@@ -67,11 +67,8 @@ def find(game: str, fps: int) -> Row:
 
 
 def known_plans(game: str, fps: int) -> list[list[int]]:
-    """Return plans from which a search also starts: at 60 those of the viewer, which a search found too."""
-    if fps == DECISIONS_PER_SECOND:
-        return []
-    content = read_json_object(Path(str(files("iphyre_jax.viewer").joinpath("best_plans.json"))))
-    return [play["plan"] for play in content["plays"] if play["scene"] == game]
+    """Return plans from which a search also starts: at 60 the best one that ships, which a search found too."""
+    return [] if fps == DECISIONS_PER_SECOND else [shipped(fps)[game]["plan"]]
 
 
 def run(folder: Path, fps: int, games: Sequence[str] = GAMES) -> dict[str, Row]:

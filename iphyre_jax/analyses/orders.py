@@ -12,9 +12,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.analyses.search import BATCH, Tried, play_plans_of
+from iphyre_jax.analyses.search import BATCH, LATEST, Plans, Tried, play_plans_of, with_distinct_steps
 from iphyre_jax.rules import NEVER, TIME_LIMIT
-from iphyre_jax.viewer.search import LATEST, Plans, with_distinct_steps
 
 BlockOrder = tuple[int, ...]  # plan slots in the order in which their blocks went
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, TIME_LIMIT
 from iphyre_jax.scenes import MAX_ELIMINABLE, Scene
 from iphyre_jax.simulation import simulate_many
-from iphyre_jax.viewer.search import Plans, random_plans, with_distinct_steps
 
+LATEST: Final = 7.0  # s, latest random removal; the best known plans end earlier
 BATCH: Final = 2048  # random plans at a time
 ENOUGH: Final = 64  # solved plans, after which random search ends
 KEPT: Final = 32  # plans whose neighbours are tried
@@ -26,6 +26,8 @@ SPREADS: Final = (0.5, 0.2, 0.1, 0.05, 0.02)  # s, standard deviation of neighbo
 DECIDED: Final = 64  # best plans that are played again in float64
 CHUNK: Final = 50_000  # plans of an enumeration at a time
 TRIPLES_BEFORE: Final = 6.4  # s; triples are enumerated with all removals before, on the grid of 10 steps a second
+
+Plans = npt.NDArray[np.int64]
 
 
 @dataclass
@@ -121,6 +123,22 @@ def search_plans(scene: Scene, fps: int, resets: int, known: Sequence[Sequence[i
     for spread in SPREADS:
         tried.play(neighbours(rng, tried.best(KEPT), BATCH // 2, spread * fps, last))
     return tried
+
+
+def random_plans(rng: np.random.Generator, count: int, blocks: int, fps: int) -> Plans:
+    """Return random plans (count, blocks). In half of them all removals happen within one second."""
+    spread = rng.uniform(0, LATEST, (count, blocks))
+    burst = rng.uniform(0, LATEST - 1, (count, 1)) + rng.uniform(0, 1, (count, blocks))
+    steps = np.rint(np.where(rng.random((count, 1)) < 0.5, spread, burst) * fps).astype(np.int64) + 1
+    removed = rng.integers(0, 1 + blocks, (count, 1)) > rng.permuted(np.tile(np.arange(blocks), (count, 1)), axis=1)
+    return np.where(removed, steps, NEVER)
+
+
+def with_distinct_steps(plans: Plans) -> Plans:
+    """Return the plans that remove at most one block before each step."""
+    ordered = np.sort(plans, axis=1)
+    same = (np.diff(ordered, axis=1) == 0) & (ordered[:, 1:] != NEVER)
+    return plans[~same.any(axis=1)]
 
 
 def _enumerate(tried: Tried, removals: int, last: int, name: str) -> None:

@@ -16,6 +16,8 @@ from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
 
 BEST: Final = "best"
+ORACLE: Final = ("analyses", "oracle-60fps.json")  # data of the package
+FPS: Final = 60  # of those plans
 
 
 def load_plays(source: str | Path) -> list[Play]:
@@ -61,10 +63,16 @@ def _refuse_scene(source: str, path: Path) -> None:
 
 @cache
 def best_plays() -> Mapping[str, Play]:
-    """Return for each of the forty games the best plan that `viewer.search` found at 60 steps a second."""
-    name = "best_plans.json"
-    content: Any = parse_json(files(__package__).joinpath(name).read_bytes(), name)
-    return {line["scene"]: play_from_json(line, name) for line in content["plays"]}
+    """Return for each of the forty games the best plan that the oracle found at 60 steps a second, in a fresh space."""
+    content: Any = parse_json(files("iphyre_jax").joinpath(*ORACLE).read_bytes(), ORACLE[-1])
+    return {row["game"]: _best_play(row) for row in content["games"]}
+
+
+def _best_play(row: Mapping[str, Any]) -> Play:
+    """Return the play of a row that `analyses.oracle` wrote."""
+    steps = round(row["seconds"] * FPS)
+    result = {"solved": row["solved"], "steps": steps, "eliminations": len(row["order"]), "reward": row["reward"]}
+    return Play("best plan known", load_scene(row["game"]), tuple(row["plan"]), FPS, "float64", 1, result)
 
 
 def _plays_of_run(path: Path) -> list[Play]:

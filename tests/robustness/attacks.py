@@ -107,7 +107,7 @@ def deep_json(target: Target, rng: random.Random) -> bool:
 
 def path_out(target: Target, rng: random.Random) -> bool:
     """A path out of the folder."""
-    paths = ["../../../etc/passwd", "%2e%2e/%2e%2e/etc/passwd", "..\\..\\x", "best_plans.json", "play.js/../x", "\0"]
+    paths = ["../../../etc/passwd", "%2e%2e/%2e%2e/etc/passwd", "..\\..\\x", "oracle-60fps.json", "play.js/../x", "\0"]
     path = rng.choice(paths)
     head = f"GET /{target.token}/{path} HTTP/1.1\r\nHost: 127.0.0.1:{target.port}\r\n\r\n"
     return target.ask(head.encode())[0] in {0, *REFUSED}

@@ -203,7 +203,7 @@ REFUSED: list[tuple[str, dict[str, Any], int]] = [
     ("a path out of the folder", {"name": "../../../etc/passwd", "method": "GET"}, 404),
     ("the same, encoded", {"name": "%2e%2e%2f%2e%2e%2fetc%2fpasswd", "method": "GET"}, 404),
     ("an absolute path", {"name": "/etc/passwd", "method": "GET"}, 403),
-    ("a file of the package", {"name": "best_plans.json", "method": "GET"}, 404),
+    ("a file of the package", {"name": "oracle-60fps.json", "method": "GET"}, 404),
     ("a Python file", {"name": "../page.py", "method": "GET"}, 404),
     ("no such call", {"name": "api/eval"}, 404),
     ("a form", {"Content_Type": "application/x-www-form-urlencoded"}, 415),
