@@ -19,7 +19,8 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
-from iphyre_jax.data.dataset import ARRAYS, SCHEMA, check_target
+from iphyre_jax.data.arrays import ARRAYS
+from iphyre_jax.data.dataset import SCHEMA, check_target
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
