@@ -154,10 +154,7 @@ def split_table(settings: RunSettings, scores: Mapping[str, Scores]) -> str:
 
 def _cell(reward: Floats, solved: Floats) -> str:
     found, share = mean_interval(reward), mean_interval(solved)
-    return (
-        f"{found.value:.1f} [{found.low:.0f}, {found.high:.0f}], "
-        f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"
-    )
+    return f"{found.value:.1f} {found.bounds()}, {100 * share.value:.0f} % {share.bounds(scale=100)}"
 
 
 def reading_table(rows: Sequence[Mapping[str, Any]]) -> str:

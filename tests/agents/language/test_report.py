@@ -23,6 +23,12 @@ def test_games_outside_a_whole_split_have_a_column() -> None:
     assert report.columns(RunSettings(("hole",))) == {"all played": ("hole",)}
 
 
+def test_one_game_has_no_interval() -> None:
+    scores = Scores(np.full((1, 1, 1), 374.2), np.ones((1, 1, 1), bool))
+    table = report.split_table(RunSettings(("hole",), attempts=1), {"model": scores})
+    assert "| model, first attempt | 374.2 [-], 100 % [-] |" in table
+
+
 def test_people_stand_beside_the_splits_alone() -> None:
     settings = RunSettings(MORE, attempts=1)
     scores = Scores(np.zeros((len(MORE), 1, 1)), np.zeros((len(MORE), 1, 1), bool))
