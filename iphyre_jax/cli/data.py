@@ -244,7 +244,7 @@ def _read(source: Path) -> Dataset:
     """Return the plays of a file."""
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
-    if source.suffix == ".jsonl" or (source.is_file() and holds_plays(source)):
+    if holds_plays(source):
         return dataset_from_plays(iter_plays(source, required=True))
     return dataset_from_plays([line.play for line in read_player_lines(source)])
 
