@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
@@ -16,14 +17,20 @@ Floats = npt.NDArray[np.float64]
 
 
 class Estimate(NamedTuple):
-    """A figure with its interval at LEVEL."""
+    """A figure with its interval at LEVEL; its bounds are NaN where nothing tells how wide it is."""
 
     value: float
     low: float
     high: float
 
     def __str__(self) -> str:
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        return f"{self.value:.2f} {self.bounds(2)}"
+
+    def bounds(self, digits: int = 0, scale: float = 1.0) -> str:
+        """Return the interval in brackets, "[-]" if it is not known."""
+        if math.isnan(self.low):
+            return "[-]"
+        return f"[{scale * self.low:.{digits}f}, {scale * self.high:.{digits}f}]"
 
 
 def bootstrap(statistic: Callable[..., Any], *series: npt.ArrayLike) -> Estimate:
@@ -41,5 +48,8 @@ def bootstrap(statistic: Callable[..., Any], *series: npt.ArrayLike) -> Estimate
 
 
 def mean_interval(values: npt.ArrayLike) -> Estimate:
-    """Return the mean of N values with its interval."""
-    return bootstrap(lambda resampled: resampled.mean(axis=-1), values)
+    """Return the mean of N values with its interval; a single value tells of no spread, so its bounds are NaN."""
+    given = np.asarray(values, np.float64)
+    if len(given) == 1:
+        return Estimate(float(given[0]), math.nan, math.nan)
+    return bootstrap(lambda resampled: resampled.mean(axis=-1), given)

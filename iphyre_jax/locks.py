@@ -32,17 +32,17 @@ def locked(folder: Path) -> Iterator[None]:
         BlockingIOError: another process holds it; one line that names the process and its machine.
         OSError: the file cannot be written.
     """
-    with lock_file(folder / LOCK):
+    with lock_file(folder / LOCK, f"{folder}: expected a folder"):
         yield
 
 
 @contextmanager
-def lock_file(path: Path) -> Iterator[None]:
-    """Do what `locked` does, by another file."""
-    handle = _take_lock(path)
+def lock_file(path: Path, expected: str) -> Iterator[None]:
+    """Do what `locked` does, by another file; `expected` begins the line that says that nobody may use it."""
+    handle = _take_lock(path, expected)
     while handle is not None and not _still_there(path, handle):  # its holder has just ended and removed it
         os.close(handle)
-        handle = _take_lock(path)
+        handle = _take_lock(path, expected)
     if handle is None:
         yield
         return
@@ -69,7 +69,7 @@ def try_lock(handle: int) -> bool | None:
     return True
 
 
-def _take_lock(path: Path) -> int | None:
+def _take_lock(path: Path, expected: str) -> int | None:
     """Open and lock a file; None where there are no locks."""
     if sys.platform == "win32":
         return None
@@ -81,7 +81,7 @@ def _take_lock(path: Path) -> int | None:
     os.close(handle)
     if found is None:
         return None
-    raise BlockingIOError(f"{path.parent}: expected a folder that nobody uses, but {holder} does")
+    raise BlockingIOError(f"{expected} that nobody uses, but {holder} does")
 
 
 def _still_there(path: Path, handle: int) -> bool:

@@ -14,7 +14,7 @@ from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS, shipped
 from iphyre_jax.analyses.people import FPS as RATE_OF_PEOPLE
 from iphyre_jax.analyses.people import scores as scores_of_people
-from iphyre_jax.intervals import mean_interval
+from iphyre_jax.intervals import Estimate, mean_interval
 from iphyre_jax.kept_rows import Row
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table
@@ -179,11 +179,9 @@ def _groups(found: Mapping[str, Row]) -> dict[str, list[Row]]:
 def _cell(group: Sequence[Row], values: Cells, digits: int = 0, scale: float = 1.0) -> str:
     """Mean with its interval: over seeds if there are several, else over scenes."""
     scores = [scale * np.asarray(values(row)) for row in group]
-    if len(scores) > 1:
-        mean, low, high, *_ = summary([one.tolist() for one in scores])
-    else:
-        mean, low, high = mean_interval(scores[0])
-    return f"{mean:.1f} [{low:.{digits}f}, {high:.{digits}f}]"
+    several = len(scores) > 1
+    found = Estimate(*summary([one.tolist() for one in scores])[:3]) if several else mean_interval(scores[0])
+    return f"{found.value:.1f} {found.bounds(digits)}"
 
 
 def _held_out_table(found: Mapping[str, Row]) -> str:

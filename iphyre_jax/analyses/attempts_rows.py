@@ -213,4 +213,4 @@ def _curve(row: Row, game: str, k: int) -> list[float]:
 def _spread(values: Sequence[float]) -> str:
     """A mean in % with its interval over games."""
     found = mean_interval(values)
-    return f"{100 * found.value:.1f} [{100 * found.low:.0f}, {100 * found.high:.0f}]"
+    return f"{100 * found.value:.1f} {found.bounds(scale=100)}"

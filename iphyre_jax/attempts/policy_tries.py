@@ -1,4 +1,4 @@
-"""Different tries of a trained policy: its greedy plan, then samples at a temperature that differ from all before.
+"""Different tries of a trained policy: its greedy plan, then samples at a temperature that differ from those before.
 
 Needs the extra `train`.
 """
@@ -41,7 +41,9 @@ Judge = Callable[[Scene, Floats], Floats]
 
 @dataclass(frozen=True, eq=False)
 class PolicyTries:
-    """An agent for `attempts`, blind or with feedback: it never repeats what was tried, nor nearly.
+    """An agent for `attempts`, blind or with feedback: it tries no plan that nearly repeats an earlier one.
+
+    Where all of its samples do, it tries one that is no exact repeat; it repeats one if they were all tried.
 
     Played at the rate of the settings, its first plan is the greedy episode of the policy, step by step. With a judge,
     the greedy plan and samples are tried in the order of log chance + `policy_weight` * log probability. The greedy
@@ -93,8 +95,7 @@ class PolicyTries:
             ranked = self._ranked(scene, plans_of(drawn), np.asarray(log_prob, np.float64))
         for _ in range(k):
             plans = ranked if self.judge is not None else plans_of(sample(SAMPLES) if tried else greedy)
-            new = np.all([differs(plans, plan) for plan in tried], axis=0) if tried else np.ones(len(plans))
-            tried.append(plans[int(new.argmax())])  # if none differs, the first
+            tried.append(plans[_untried(plans, tried)])
         return np.array(tried[len(past) :])
 
     def _ranked(self, scene: Scene, plans: Floats, log_prob: Floats) -> Floats:
@@ -120,6 +121,20 @@ def warm_samples(
     """Raw actions from distributions (S, ...) at a temperature, `count` of each in a row, (S * count, ...)."""
     warm = jnp.repeat(jax.nn.log_softmax(distribution / temperature), count, axis=0)
     return agent.head.sample(jax.random.key(int(rng.integers(MAX_SEED))), warm)
+
+
+def _untried(plans: Floats, tried: Sequence[Floats]) -> int:
+    """Return the first of plans (N, S) that differs from all tried ones, else the first that is no repeat, else 0."""
+    for unlike in (differs, _is_other):
+        new = np.all([unlike(plans, plan) for plan in tried], axis=0) if tried else np.ones(len(plans), bool)
+        if new.any():
+            return int(new.argmax())
+    return 0
+
+
+def _is_other(plans: Floats, plan: Floats) -> npt.NDArray[np.bool_]:
+    """Return which plans (N, S) are not the very same as one (S,)."""
+    return np.asarray(((plans != plan) & ~(np.isnan(plans) & np.isnan(plan))).any(axis=1))
 
 
 def differs(plans: Floats, plan: Floats) -> npt.NDArray[np.bool_]:

@@ -21,7 +21,7 @@ from iphyre_jax.agents.language.settings import Caps, RunSettings, most_question
 from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import resumable
 from iphyre_jax.files import check_apart, replace_json, replace_text
-from iphyre_jax.locks import locked
+from iphyre_jax.locks import LOCK, lock_file, locked
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.reports.printing import say
@@ -120,6 +120,7 @@ def _replay(command: Ask, settings: RunSettings, console: Console) -> None:
 def _live(command: Ask, settings: RunSettings, console: Console) -> None:
     """Ask a model."""
     endpoint = endpoints.from_environment(os.environ)
+    endpoint.check(settings.call)
     caps = Caps(command.max_questions, command.max_tokens_in_all)
     tries = settings.samples * settings.attempts * len(settings.games)
     say(
@@ -135,6 +136,7 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
         stack.enter_context(locked(command.out))
         file = command.record or command.out / TRANSCRIPT
         file.parent.mkdir(parents=True, exist_ok=True)
+        stack.enter_context(lock_file(file.with_name(f".{file.name}{LOCK}"), f"{file}: expected a transcript"))
         answers = Live(endpoint.complete, file, model, settings, caps, lambda line: say(console, line))
         rows = runs.rows_of(settings, runs.run(settings, answers))
         content = {"schema": ROWS_SCHEMA, "version": 1, "settings": settings.to_json(), "model": model, "rows": rows}

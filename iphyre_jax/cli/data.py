@@ -19,7 +19,8 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
-from iphyre_jax.data.dataset import ARRAYS, SCHEMA, check_target
+from iphyre_jax.data.arrays import ARRAYS
+from iphyre_jax.data.dataset import SCHEMA, check_target
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import load_official, save_official
@@ -243,7 +244,7 @@ def _read(source: Path) -> Dataset:
     """Return the plays of a file."""
     if source.suffix in (".npz", ".json") and source.with_suffix(".npz").exists():
         return load_dataset(source)
-    if source.suffix == ".jsonl" or (source.is_file() and holds_plays(source)):
+    if holds_plays(source):
         return dataset_from_plays(iter_plays(source, required=True))
     return dataset_from_plays([line.play for line in read_player_lines(source)])
 

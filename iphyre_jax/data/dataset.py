@@ -18,7 +18,7 @@ import math
 import os
 import re
 import zipfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -27,31 +27,21 @@ from typing import Any, Final, get_args
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import check_rows, is_list, one_line, show
+from iphyre_jax.checks import MAX_RESETS, check_rows, one_line, show
+from iphyre_jax.data.arrays import ARRAYS, MAX_STEPS, check_arrays, frames_of
 from iphyre_jax.files import check_exist, pack_npz, parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
-from iphyre_jax.rules import NEVER
 from iphyre_jax.scenes import Scene, load_scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.library import ALL_GAMES, is_game
 
 SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
 MAX_MANIFEST: Final = 200_000_000  # bytes; ten thousand scenes take some 10 MB
+EACH_RESET: Final = "draw + 2"  # the reset of each play of the form "exact"
 _HEAD: Final = 200  # bytes of NAME.json that hold its schema
 HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
-MAX_STEPS: Final = np.iinfo(np.int16).max  # of a play
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
-ARRAYS: Final = {
-    "game": ("int32",),
-    "times": ("float32",),
-    "steps": ("int16",),
-    "success": ("bool",),
-    "end_step": ("int16",),
-    "removals": ("int8",),
-    "draw": ("int32",),
-    "poses": ("float32", "float64"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,13 +125,14 @@ def save_dataset(dataset: Dataset, path: str | os.PathLike[str]) -> None:
         path: of NAME.npz or NAME.json.
 
     Raises:
-        ValueError: the path has another ending, NAME.json is there and is something else, or an array has another type
-            or shape; one line.
+        ValueError: the path has another ending, NAME.json is there and is something else, a field is wrong, or an
+            array has another type, shape or other numbers; one line.
         OSError: a file cannot be written.
     """
     npz, manifest = check_target(path, SCHEMA, ARRAYS)
     arrays = dataset.arrays()
-    _check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
+    _check_fields({"arrays": {}, "npz": {"bytes": 0}, **dataset.manifest}, "dataset: manifest")
+    check_arrays(arrays, dataset.scenes, dataset.manifest, "dataset")
     content = pack_npz(arrays)
     described = {
         **{key: value for key, value in dataset.manifest.items() if key not in ("arrays", "npz", "sha256")},
@@ -174,7 +165,7 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
             raise ValueError(f"{one_line(str(npz))}: expected the bytes of its manifest, but they were changed")
     arrays = read_npz(npz, max(size, _unpacked(manifest)) + HEADERS)
     scenes = tuple(_read_scene(entry, f"{manifest_file}: scenes[{k}]") for k, entry in enumerate(manifest["scenes"]))
-    _check_arrays(arrays, scenes, manifest, one_line(str(npz)))
+    check_arrays(arrays, scenes, manifest, one_line(str(npz)))
     return Dataset(scenes, **{name: arrays.get(name) for name in ARRAYS}, manifest=manifest)  # type: ignore[arg-type]
 
 
@@ -248,18 +239,32 @@ def _read_manifest(file: Path) -> dict[str, Any]:
         raise ValueError(f"{name}: schema: expected {SCHEMA!r}, the manifest of a data set")
     if manifest.get("version") != VERSION:
         raise ValueError(f"{name}: version: expected {VERSION}, got {show(manifest.get('version'))}")
-    for field, is_right, what in _FIELDS:
-        if field not in manifest or not is_right(manifest[field]):
-            raise ValueError(f"{name}: {field}: expected {what}, got {show(manifest.get(field))}")
+    _check_fields(manifest, name)
     rest = {key: value for key, value in manifest.items() if key != "sha256"}
     if _text(_with_sum(rest)) != content:
         raise ValueError(f"{name}: expected the bytes that its sum tells of, but they were changed")
     return manifest
 
 
+def _check_fields(manifest: Mapping[str, Any], source: str) -> None:
+    """Refuse a manifest with a wrong field, or with fields that contradict each other; one line."""
+    for field, is_right, what in _FIELDS:
+        if field not in manifest or not is_right(manifest[field]):
+            raise ValueError(f"{source}: {field}: expected {what}, got {show(manifest.get(field))}")
+    if (manifest["form"] == "exact") != (manifest["resets"] == EACH_RESET):
+        what = f"{EACH_RESET} for the form exact, and a number for fresh"
+        raise ValueError(f"{source}: resets: expected {what}, got {show(manifest['resets'])}")
+    if manifest["frames"] != (frames := frames_of(manifest["fps"], manifest["rule"])):
+        raise ValueError(f"{source}: frames: expected {frames}, got {show(manifest['frames'])}")
+
+
 def _is_array_description(value: object) -> bool:
     is_object = isinstance(value, dict) and isinstance(value.get("shape"), list)
     return is_object and all(type(side) is int and 0 <= side < 2**40 for side in value["shape"])  # type: ignore[index]
+
+
+def _is_reset(value: object) -> bool:
+    return (type(value) is int and 0 < value <= MAX_RESETS) or value == EACH_RESET
 
 
 def _is_entry(value: object) -> bool:
@@ -269,7 +274,7 @@ def _is_entry(value: object) -> bool:
 _FIELDS: Final[tuple[tuple[str, Callable[[Any], bool], str], ...]] = (
     ("form", lambda value: value in ("fresh", "exact"), "fresh or exact"),
     ("rule", lambda value: value in get_args(Rule), "simulate or in_advance"),
-    ("resets", lambda value: type(value) in (int, str), "the number of a reset"),
+    ("resets", lambda value: _is_reset(value), "the number of a reset from 1 on, or draw + 2"),
     ("fps", lambda value: type(value) is int and 0 < value <= MAX_STEPS, "a positive whole number"),
     ("scenes", lambda value: isinstance(value, list) and all(map(_is_entry, value)), "a list of scenes"),
     (
@@ -298,34 +303,3 @@ def _read_scene(entry: Mapping[str, Any], source: str) -> Scene:
     if (found := scene_sum(scene)) != entry["sha256"]:
         raise ValueError(f"{source}: sha256: expected {entry['sha256']}, but {scene.name} has {found}")
     return scene
-
-
-def _check_arrays(
-    arrays: Mapping[str, npt.NDArray[Any]], scenes: Sequence[Scene], manifest: Mapping[str, Any], source: str
-) -> None:
-    """Refuse arrays that no data set has; one line."""
-    if not is_list(scenes) or len(scenes) != len(manifest["scenes"]):
-        raise ValueError(f"{source}: scenes: expected {len(manifest['scenes'])} as in the manifest")
-    if unknown := sorted(set(arrays) - set(ARRAYS)):
-        raise ValueError(f"{source}: {show(unknown[0])}: expected no such array")
-    count = len(arrays["game"]) if "game" in arrays else 0
-    shapes = {"times": (count, None), "steps": (count, None), "poses": (count, None, None, 3)}
-    for name, dtypes in ARRAYS.items():
-        if name == "poses" and name not in arrays:
-            continue
-        wanted, array = shapes.get(name, (count,)), arrays.get(name)
-        fits = array is not None and array.ndim == len(wanted)
-        if array is None or str(array.dtype) not in dtypes or not fits or _differs(array.shape, wanted):
-            shape = ", ".join("any" if side is None else str(side) for side in wanted)
-            got = "none" if array is None else f"{array.dtype} of shape {array.shape}"
-            raise ValueError(f"{source}: {name}: expected {dtypes[0]} of shape ({shape}), got {got}")
-    if arrays["times"].shape != arrays["steps"].shape:
-        raise ValueError(f"{source}: steps: expected the shape of times, {arrays['times'].shape}")
-    if count and not 0 <= arrays["game"].min() <= arrays["game"].max() < len(scenes):
-        raise ValueError(f"{source}: game: expected indices into {len(scenes)} scenes")
-    if count and arrays["steps"].min(initial=NEVER) < NEVER:
-        raise ValueError(f"{source}: steps: expected steps from 0 on, or -1 for never, got {arrays['steps'].min()}")
-
-
-def _differs(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
-    return any(side not in (None, length) for length, side in zip(shape, wanted, strict=True))

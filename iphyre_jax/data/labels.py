@@ -9,12 +9,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.data.arrays import frames_of
 from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.execution.devices import partition_of
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
-from iphyre_jax.plans import Rule, official_clock, plan_to_steps
-from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, TIME_LIMIT
+from iphyre_jax.plans import Rule, plan_to_steps
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene
 from iphyre_jax.simulation import simulate_many
@@ -66,8 +67,8 @@ class PlayProtocol:
 
     @property
     def frames(self) -> int:
-        """The steps of a whole play: 900 at 60 a second; at 10 150, or 151 by the clock of the rule "simulate"."""
-        return len(official_clock(self.fps)) if self.rule == "simulate" else round(TIME_LIMIT * self.fps)
+        """The steps of a whole play."""
+        return frames_of(self.fps, self.rule)
 
     def steps(self, times: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.int64]:
         """Return the steps of plans, (B, S); a time of 0 is an entry that removes nothing."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock, steps_to_times
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
-from iphyre_jax.scenes.library import is_game
+from iphyre_jax.scenes.library import ALL_GAMES, hint, is_game
 from iphyre_jax.viewer.line_files import read_lines
 from iphyre_jax.viewer.plays import Play, is_name
 
@@ -82,13 +83,19 @@ def _line(data: object, source: str) -> PlayerLine:
     episode, reward = data["episode"], data["reward"]
     if type(episode) is not int or not 0 <= episode <= MAX_EPISODE:
         raise ValueError(f"{source}: episode: expected a whole number from 0 to {MAX_EPISODE}, got {show(episode)}")
-    if isinstance(reward, bool) or not isinstance(reward, int | float) or not np.isfinite(reward):
+    if not _is_number(reward):
         raise ValueError(f"{source}: reward: expected a number, got {show(reward)}")
-    if not isinstance(data["game"], str):
-        raise ValueError(f"{source}: game: expected the name of a game, got {show(data['game'])}")
+    if not isinstance(data["game"], str) or data["game"] not in ALL_GAMES:  # no path: that file would be read
+        given = data["game"]
+        raise ValueError(f"{source}: game: expected the name of a game, got {show(given)} ({hint(str(given))})")
     scene = load_scene(data["game"])
     plan = _plan(scene, data["actions"], source)
     return PlayerLine(Play(str(player), scene, plan, FPS, "float64", episode + 1), episode, float(reward))
+
+
+def _is_number(value: object) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and -sys.float_info.max <= value <= sys.float_info.max  # type: ignore[operator]
 
 
 def _plan(scene: Scene, actions: Any, source: str) -> tuple[int, ...]:  # noqa: ANN401
@@ -96,9 +103,8 @@ def _plan(scene: Scene, actions: Any, source: str) -> tuple[int, ...]:  # noqa: 
     clock = official_clock(FPS)
     plan, alive = [NEVER] * len(scene.eliminable_blocks), np.ones(scene.n_objects, bool)
     for click in actions if isinstance(actions, list) else [actions]:
-        numbers = isinstance(click, list) and len(click) == 3
-        if not numbers or any(isinstance(part, bool) or not isinstance(part, int | float) for part in click):
-            raise ValueError(f"{source}: actions: expected clicks [x, y, t], got {show(click)}")
+        if not isinstance(click, list) or len(click) != 3 or not all(map(_is_number, click)):
+            raise ValueError(f"{source}: actions: expected clicks [x, y, t] of finite numbers, got {show(click)}")
         x, y, time = (float(part) for part in click)
         if not 0 <= time < TIME_LIMIT:
             raise ValueError(f"{source}: actions: expected times from 0 to below {TIME_LIMIT:g} s, got {show(time)}")

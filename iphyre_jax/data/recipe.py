@@ -9,9 +9,10 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from iphyre_jax.checks import check_flag, check_option, check_resets, check_whole, show, whole_fps
-from iphyre_jax.data.dataset import MAX_STEPS, SCHEMA, VERSION
+from iphyre_jax.data.arrays import MAX_STEPS
+from iphyre_jax.data.dataset import EACH_RESET, SCHEMA, VERSION
 from iphyre_jax.data.draws import Plan
-from iphyre_jax.data.labels import DTYPE, FIRST_RESET, FRESH, PlayProtocol
+from iphyre_jax.data.labels import DTYPE, FRESH, PlayProtocol
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
 from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, TIME_LIMIT
@@ -56,7 +57,7 @@ class Recipe:
             "fps": self.protocol.fps,
             "rule": self.protocol.rule,
             "frames": self.protocol.frames,
-            "resets": self.protocol.resets if self.form == "fresh" else f"draw + {FIRST_RESET}",
+            "resets": self.protocol.resets if self.form == "fresh" else EACH_RESET,
             "dtype": DTYPE,
             "seed": self.seed,
             "max_draws": self.max_draws,

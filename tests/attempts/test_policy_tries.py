@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from iphyre_jax.attempts.policy_tries import JUDGED, PolicyTries, differs
+from iphyre_jax.attempts.policy_tries import JUDGED, PolicyTries, _untried, differs
 from iphyre_jax.attempts.protocol import Attempt, attempts
 from iphyre_jax.models.outcome.agent import judge_of
 from iphyre_jax.models.outcome.storage import load_classifier
@@ -85,6 +85,18 @@ def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:
         PolicyTries(policy.config, policy.state, greedy_bonus=-1.0)
     with pytest.raises(ValueError, match=r"^policy_weight: expected a finite number of at least 0, got -1"):
         PolicyTries(policy.config, policy.state, policy_weight=-1.0)
+
+
+def test_when_no_plan_is_clearly_another_one_is_tried_that_is_no_repeat() -> None:
+    plans = np.array([[2.0, NEVER], [2.1, NEVER], [2.1, NEVER]])
+    assert _untried(plans, []) == 0
+    assert _untried(plans, [plans[0]]) == 1
+    assert _untried(plans, [plans[0], plans[1]]) == 0
+    assert _untried(plans, [plans[0], np.array([NEVER, 1.0]), plans[2] + 0.05]) == 1
+    policy = load_pretrained("ppo-i-objects")
+    tries = PolicyTries(policy.config, policy.state, judge=lambda _, plans: np.full(len(plans), 0.5))
+    found = np.nan_to_num(tries(SCENE, 100, np.random.default_rng(0), ()), nan=-1.0)
+    assert len(np.unique(found, axis=0)) == 100
 
 
 def test_a_scene_with_larger_limits_is_tried_as_with_the_official_ones() -> None:

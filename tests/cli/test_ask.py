@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import sys
@@ -58,7 +59,7 @@ def test_the_hand_written_replies_make_a_table(capsys: pytest.CaptureFixture[str
     assert float(cells(out, "hand-written replies, first attempt")[1].split()[0]) > 970
     assert cells(out, "do nothing, best of 2")[1].startswith("-15.0")
     assert cells(out, "support")[1] == "100 %"
-    assert cells(out, "played")[1:] == ["2", "0", "0", "0", "0"]  # sources of failure: both attempts solved
+    assert cells(out, "all played")[1:] == ["2", "0", "0", "0", "0"]  # sources of failure: both attempts solved
     assert re.search(r'"hash": "[0-9a-f]{64}"', document.read_text("utf-8"))
 
 
@@ -141,6 +142,40 @@ def test_a_live_run_is_recorded_goes_on_and_keeps_the_key_to_itself(
     written = [file.read_text("utf-8") for file in (tmp_path / "run").iterdir()]
     assert len(written) == 3
     assert KEY not in "".join([first, out, again, *written])
+
+
+def test_a_transcript_is_of_one_run_at_a_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two run folders may name the same file: the second run is refused while the first one holds it."""
+    configure(monkeypatch)
+    record, said = tmp_path / "record.jsonl", []
+
+    def complete(self: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Answer:
+        if not said:
+            said.append("refused before it asks")
+            assert run(["ask", "hole", "--attempts", "1", "--out", str(tmp_path / "b"), "--record", str(record)]) == 2
+            said.append(capsys.readouterr().err)
+        return Answer("[]", "stop", 100, 10, 0.5)
+
+    monkeypatch.setattr(Endpoint, "complete", complete)
+    monkeypatch.setattr("iphyre_jax.agents.language.report.bounds", lambda settings: {})
+    assert run(["ask", "support", "--attempts", "1", "--out", str(tmp_path / "a"), "--record", str(record)]) == 0
+    message = f"iphyre-jax: {record}: expected a transcript that nobody uses, but process {os.getpid()} on "
+    assert said[1].startswith(message)
+    assert len(record.read_text().splitlines()) == 1
+    assert {file.name for file in tmp_path.iterdir()} == {"a", "b", "record.jsonl"}
+
+
+def test_a_temperature_that_the_kind_does_not_know_is_refused_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configure(monkeypatch)
+    monkeypatch.setenv("IPHYRE_JAX_LLM_KIND", "anthropic")
+    assert run(["ask", "support", "--temperature", "1.5", "--out", str(tmp_path / "run")]) == 2
+    message = "temperature: expected a temperature for anthropic of at least 0 and at most 1, got 1.5"
+    assert capsys.readouterr().err == f"iphyre-jax: {message}\n"
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_document_never_replaces_a_transcript(

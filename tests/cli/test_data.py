@@ -115,3 +115,7 @@ def test_plays_are_known_by_what_they_hold(tmp_path: Path, capsys: pytest.Captur
     append_play(plays, play_to_json(record(load_scene("hole"), [60, 60, 60, 60]), "somebody", {}))
     assert run(["collect", "--source", str(plays), "--out", str(tmp_path / "plays.npz")]) == 0
     assert "1 plays of 1 scenes" in capsys.readouterr().out
+    lines = tmp_path / "lines.jsonl"  # the official player's, under the usual name of our own
+    lines.write_text(json.dumps({"player": "ann", "game": "hole", "episode": 0, "actions": [], "reward": -15.0}) + "\n")
+    assert run(["collect", "--source", str(lines), "--out", str(tmp_path / "lines.npz")]) == 0
+    assert "1 plays of 1 scenes" in capsys.readouterr().out

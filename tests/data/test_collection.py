@@ -1,6 +1,7 @@
 """Collections: the counts and labels of the official generator, the same bits after a kill, no repeated play."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import repeat
 from pathlib import Path
@@ -61,6 +62,15 @@ def test_a_wrong_label_is_found(name: str) -> None:
 
 class Killed(BaseException):
     """Stands for SIGKILL: nothing catches it."""
+
+
+def test_places_that_no_scene_needs_are_verified_as_empty() -> None:
+    poses = small().poses
+    assert poses is not None
+    wider = np.concatenate([poses, np.full_like(poses, np.nan)], axis=2)
+    assert verify(replace(small(), poses=wider)) == []
+    wider[0, 0, -1] = 0.0
+    assert verify(replace(small(), poses=wider)) == ["poses: 1 of 24 plays differ (rows 0)"]
 
 
 @pytest.mark.slow

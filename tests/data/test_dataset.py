@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from iphyre_jax.data import Dataset, load_dataset, save_dataset
+from iphyre_jax.data import Dataset, load_dataset, save_dataset, verify
 from iphyre_jax.data.dataset import SCHEMA, VERSION, _text, _with_sum, scene_entry
 from iphyre_jax.data.journal import journal_in
 from iphyre_jax.scenes import load_scene, vary
 
 HOLE = load_scene("hole")
 VARIED = vary(HOLE, 40, seed=3, shift_px=20).scenes[0]
+NEVER = np.full((3, 6), np.nan, np.float32)
 
 
 def made(**changes: Any) -> Dataset:
@@ -22,7 +23,7 @@ def made(**changes: Any) -> Dataset:
     fields: dict[str, Any] = {
         "scenes": (HOLE, VARIED),
         "game": np.array([0, 1, 1], np.int32),
-        "times": np.full((3, 6), np.nan, np.float32),
+        "times": NEVER,
         "steps": np.full((3, 6), -1, np.int16),
         "success": np.array([True, False, True]),
         "end_step": np.array([200, 900, 899], np.int16),
@@ -85,7 +86,7 @@ def test_any_changed_byte_is_refused(tmp_path: Path, suffix: str) -> None:
 def test_a_changed_number_with_a_mended_sum_of_the_file_is_refused(tmp_path: Path) -> None:
     save_dataset(made(), tmp_path / "one.npz")
     manifest = json.loads((tmp_path / "one.json").read_text())
-    manifest["fps"] = 10
+    manifest["seed"] = 10
     (tmp_path / "one.json").write_text(json.dumps(manifest, indent=1))
     with pytest.raises(ValueError, match=r"one\.json: expected the bytes that its sum tells of"):
         load_dataset(tmp_path / "one.npz")
@@ -108,6 +109,10 @@ HOSTILE = {
         r"scenes\[1\]: sha256: expected 0",
     ),
     "missing": ({"frames": None}, "frames: expected this field"),
+    "other frames": ({"frames": 3}, "frames: expected 900, got 3"),
+    "no reset": ({"resets": 0}, "resets: expected the number of a reset from 1 on"),
+    "resets": ({"resets": "x"}, "resets: expected the number of a reset from 1 on"),
+    "other form": ({"form": "exact"}, "resets: expected draw [+] 2 for the form exact"),
     "rule": ({"rule": None}, "rule: expected simulate or in_advance, got None"),
 }
 
@@ -141,6 +146,34 @@ WRONG = {
     "scenes": (
         lambda path: save_dataset(made(scenes=(HOLE,)), path / "a.npz"),
         "dataset: scenes: expected 2 as in the manifest",
+    ),
+    "columns": (
+        lambda path: save_dataset(made(times=NEVER[:, :3], steps=np.full((3, 3), -1, np.int16)), path / "a.npz"),
+        "dataset: times: expected 4 columns or more, got 3",
+    ),
+    "infinite": (
+        lambda path: save_dataset(made(times=np.full((3, 6), np.inf, np.float32)), path / "a.npz"),
+        "dataset: times: expected seconds from 0 on, or NaN for never, got inf",
+    ),
+    "negative": (
+        lambda path: save_dataset(made(times=np.full((3, 6), -1, np.float32)), path / "a.npz"),
+        "dataset: times: expected seconds from 0 on, or NaN for never, got -1.0",
+    ),
+    "end": (
+        lambda path: save_dataset(made(end_step=np.array([1, 2, 901], np.int16)), path / "a.npz"),
+        "dataset: end_step: expected 0 to 900 steps, got 901",
+    ),
+    "draw": (
+        lambda path: save_dataset(made(draw=np.array([0, 1, -3], np.int32)), path / "a.npz"),
+        "dataset: draw: expected numbers from 0 on, got -3",
+    ),
+    "movers": (
+        lambda path: save_dataset(made(poses=np.zeros((3, 150, 0, 3))), path / "a.npz"),
+        r"dataset: poses: expected shape \(N, 150, 1 or more, 3\), got \(3, 150, 0, 3\)",
+    ),
+    "pose frames": (
+        lambda path: verify(made(poses=np.zeros((3, 10, 1, 3)))),
+        r"dataset: poses: expected shape \(N, 150, 1 or more, 3\), got \(3, 10, 1, 3\)",
     ),
     "rows": (lambda path: made().select(0), "rows: expected indices or a mask of 3 rows, got 0"),
     "mask": (lambda path: made().select([True, False]), "rows: expected indices or a mask of 3 rows, got a list of 2"),

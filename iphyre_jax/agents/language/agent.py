@@ -33,6 +33,7 @@ DECISIONS: Final = round(TIME_LIMIT / EVERY)  # such questions in an attempt
 # first frame after the start: at 0 the rule knows none.
 FIRST: Final = 1e-6
 DTYPE: Final = "float64"
+CUT_OFF: Final = ("length", "max_tokens")  # why a reply ended, as the two kinds of servers say it
 _ROUNDED: Final = 1e-6  # steps by which a product of seconds and rate may be too large
 
 Ask = Callable[[Question, Scene, Sequence[Message]], Answer]
@@ -45,6 +46,7 @@ class Asked:
     Attributes:
         questions: calls, the renewed ones included.
         unread: replies that could not be read.
+        cut_off: replies that ended at the limit of tokens.
         no_answer: a question had no readable reply, so the attempt went on without removals.
         dropped: entries that were dropped, by reason.
         tokens_in: of the questions, as far as the server says.
@@ -55,6 +57,7 @@ class Asked:
 
     questions: int = 0
     unread: int = 0
+    cut_off: int = 0
     no_answer: bool = False
     dropped: Counter[Reason] = field(default_factory=Counter)
     tokens_in: int = 0
@@ -103,13 +106,15 @@ class LanguageAgent:
     def _removal_by_removal(self, scene: Scene, past: Sequence[Attempt], number: int, times: Floats) -> None:
         """Ask for the next removal, at the start and after each."""
         seconds = 0.0
-        while np.isnan(times).any() and (moment := self._moment(scene, times, seconds)) is not None:
+        while (
+            seconds < TIME_LIMIT
+            and np.isnan(times).any()
+            and (moment := self._moment(scene, times, seconds)) is not None
+        ):
             removals = self._read(scene, past, number, moment).removals
-            if not removals or not np.isnan(times[removals[0].slot]):  # nothing more, or a block that is gone
+            if not removals:  # nothing more
                 return
             seconds += removals[0].time
-            if seconds >= TIME_LIMIT:
-                return
             _enter(times, [Removal(self._time(seconds), removals[0].slot)])
 
     def _on_the_fly(self, scene: Scene, past: Sequence[Attempt], number: int, times: Floats) -> None:
@@ -120,7 +125,7 @@ class LanguageAgent:
                 return
             removals = self._read(scene, past, number, moment).removals
             now = self._time(seconds)
-            _enter(times, [Removal(now, index) for _, index in removals if np.isnan(times[index])])
+            _enter(times, [Removal(now, index) for _, index in removals])
 
     def _step(self, seconds: float) -> int:
         """The first step from so many seconds on."""
@@ -154,19 +159,23 @@ class LanguageAgent:
         assert samples is not None  # noqa: S101 - they were asked for
         poses = samples[0, step].copy()
         poses[np.array(scene.eliminable_blocks)[~np.isnan(times)]] = np.nan  # also what goes at this very moment
-        return Moment(seconds, poses, samples[0, max(step - self._fps // DECISIONS_PER_SECOND, 0)])
+        span = max(min(step, self._fps // DECISIONS_PER_SECOND), 1)  # steps
+        gone = frozenset(np.flatnonzero(~np.isnan(times)).tolist())
+        return Moment(seconds, poses, samples[0, max(step - span, 0)], self._fps / span, gone)
 
     def _read(self, scene: Scene, past: Sequence[Attempt], number: int, moment: Moment | None) -> Parsed:
         """Ask until a reply can be read, three times at most; then nothing is removed."""
         log = self.asked[scene.name, number]
         conversation = self.prompt.conversation(scene, past, moment)
+        left, gone = (TIME_LIMIT, frozenset()) if moment is None else (TIME_LIMIT - moment.seconds, moment.gone)
         for _ in range(1 + RENEWED):
             log.questions += 1
             answer = self._ask(Question(scene.name, self._sample, number, log.questions), scene, conversation)
             log.tokens_in += answer.tokens_in or 0
             log.tokens_out += answer.tokens_out or 0
             log.seconds += answer.seconds
-            parsed = parse_reply(answer.reply, len(scene.eliminable_blocks), self.prompt.form)
+            parsed = parse_reply(answer.reply, len(scene.eliminable_blocks), self.prompt.form, left, gone)
+            log.cut_off += answer.finish in CUT_OFF
             log.dropped.update(parsed.dropped)
             if parsed.problem is None:
                 return parsed

@@ -116,8 +116,11 @@ def with_patience(call: Callable[[], Answer], sleep: Callable[[float], Any] = ti
         try:
             return call()
         except CallFailedError as error:
-            if not error.may_pass or (error.wait or 0.0) > LONGEST_WAIT:
+            if not error.may_pass:
                 raise
+            if (error.wait or 0.0) > LONGEST_WAIT:
+                asked = f"llm: the server asks to wait for {error.wait:.0f} s, more than {LONGEST_WAIT:g} s: {error}"
+                raise CallFailedError(asked, error.status, error.wait) from None
             sleep(wait if error.wait is None else error.wait)
             wait *= 2
     return call()

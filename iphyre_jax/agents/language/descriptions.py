@@ -49,13 +49,14 @@ def describe_scene(scene: Scene) -> str:
     return "\n".join([*parts, *(["Tied together:", *ties] if ties else [])])
 
 
-def describe_state(scene: Scene, poses: Poses, earlier: Poses) -> str:
+def describe_state(scene: Scene, poses: Poses, earlier: Poses, rate: float = DECISIONS_PER_SECOND) -> str:
     """Return what moves or is gone, as it is now.
 
     Args:
         scene: the scene.
         poses: (N, 3) px, px, rad; NaN for an object that was removed.
-        earlier: the same 0.1 s before, for velocities.
+        earlier: the same before, for velocities.
+        rate: spans between the two in a second.
     """
     names = object_names(scene)
     lines = []
@@ -65,7 +66,7 @@ def describe_state(scene: Scene, poses: Poses, earlier: Poses) -> str:
         elif scene.dynamic[index]:
             is_ball = index >= scene.n_blocks
             where = _ball(scene, poses, names, index) if is_ball else _block(scene, poses, names, index)
-            speed = (poses[index, :2] - earlier[index, :2]) * DECISIONS_PER_SECOND
+            speed = (poses[index, :2] - earlier[index, :2]) * rate
             lines.append(f"{where}, velocity {_point(speed)} px/s")
     return "\n".join(lines)
 

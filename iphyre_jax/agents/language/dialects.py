@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import ipaddress
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -26,7 +26,6 @@ _HEADERS: Final = _KEY_HEADERS | {
     "content-length",
     "anthropic-version",
 }
-_MAX_WORD: Final = 100  # characters
 _NO_KEY: Final = "none"  # the packages want a key; a local server asks for none
 
 
@@ -57,11 +56,11 @@ def _openai(endpoint: Endpoint, conversation: Sequence[Message], settings: CallS
         with _http(endpoint, openai) as http:
             client = openai.OpenAI(api_key=key, base_url=endpoint.url, max_retries=0, http_client=http)
             completion = client.chat.completions.create(model=endpoint.model, messages=chat, **limits)
-        choice = completion.choices[0]
-        usage = completion.usage
-        tokens_in, tokens_out = (usage.prompt_tokens, usage.completion_tokens) if usage else (None, None)
-        reply = _text(choice.message.content or "")
-        return Answer(reply, _word(choice.finish_reason), _count(tokens_in), _count(tokens_out))
+        choice, usage = _listed(completion, "choices", 1)[0], _field(completion, "usage")
+        if (message := _field(choice, "message")) is None:
+            raise TypeError(f"expected a choice with a message, got {show(choice)}")
+        counts = [_count(_field(usage, name)) for name in ("prompt_tokens", "completion_tokens")]
+        return Answer(_text(_field(message, "content")), _word(_field(choice, "finish_reason")), counts[0], counts[1])
 
     return ask
 
@@ -80,7 +79,7 @@ def _anthropic(endpoint: Endpoint, conversation: Sequence[Message], settings: Ca
     ]
 
     # In the body, for newer versions of the package have no argument for it.
-    more = {} if settings.completion_tokens else {"temperature": min(settings.temperature, 1.0)}
+    more = {} if settings.completion_tokens else {"temperature": settings.temperature}
 
     def ask() -> Answer:
         key = endpoint.key or _NO_KEY
@@ -89,9 +88,9 @@ def _anthropic(endpoint: Endpoint, conversation: Sequence[Message], settings: Ca
             said = client.messages.create(
                 model=endpoint.model, system=system, messages=chat, max_tokens=settings.max_tokens, extra_body=more
             )
-        text = "".join(_text(part.text) for part in said.content if part.type == "text")
-        usage = said.usage
-        return Answer(text, _word(said.stop_reason), _count(usage.input_tokens), _count(usage.output_tokens))
+        reply, usage = _text(_listed(said, "content", 0)), _field(said, "usage")
+        counts = [_count(_field(usage, name)) for name in ("input_tokens", "output_tokens")]
+        return Answer(reply, _word(_field(said, "stop_reason")), counts[0], counts[1])
 
     return ask
 
@@ -118,15 +117,35 @@ def _http(endpoint: Endpoint, package: Any) -> Any:  # noqa: ANN401 - of a packa
     )
 
 
+def _field(thing: object, name: str) -> Any:  # noqa: ANN401 - of a package, which takes answers as they come
+    return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
+
+
+def _listed(answer: object, name: str, least: int) -> list[Any]:
+    """A list of an answer, or TypeError with what the server says instead: some answer 200 with an error inside."""
+    found, error = _field(answer, name), _field(answer, "error")
+    if isinstance(found, list) and len(found) >= least:
+        return found
+    # Whole: the key is hidden in it, and then it is cut.
+    got = _field(error, "message") or error or (answer if isinstance(answer, str) else show(found))
+    raise TypeError(f"expected an answer with {name}, got {got}")
+
+
 def _text(value: object) -> str:
-    if not isinstance(value, str):
+    """The text of a reply: itself, or the parts of text in a list; other parts, such as thoughts, are left out.
+
+    Half a character, which JSON can hold and no request can, becomes a question mark.
+    """
+    if isinstance(value, list):
+        return "".join(_text(_field(part, "text")) for part in value if _field(part, "type") == "text")
+    if value is not None and not isinstance(value, str):
         raise TypeError(f"expected a reply of text, got {show(value)}")
-    return value
+    return (value or "").encode("utf-8", "replace").decode()
 
 
 def _word(value: object) -> str | None:
     """Why a reply ended, as far as the server says it in a word; what it adds to an answer must not spoil it."""
-    return value[:_MAX_WORD] if isinstance(value, str) else None
+    return value if isinstance(value, str) else None
 
 
 def _count(value: object) -> int | None:

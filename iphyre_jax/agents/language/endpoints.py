@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from typing import Any, Final, Literal, get_args
 from urllib.parse import urlsplit
 
@@ -25,10 +28,12 @@ from iphyre_jax.agents.language.calls import (
 from iphyre_jax.agents.language.dialects import CALLS, is_local
 from iphyre_jax.agents.language.prompts import Message
 from iphyre_jax.agents.language.replies import MAX_READ
-from iphyre_jax.checks import check_option, one_line, show
+from iphyre_jax.checks import check_least, check_option, one_line, show
 
 Dialect = Literal["openai", "anthropic"]
 KINDS: Final[tuple[Dialect, ...]] = get_args(Dialect)
+WARMEST: Final[dict[str, float]] = {"openai": 2.0, "anthropic": 1.0}  # temperature
+MAX_WORD: Final = 100  # characters that say why a reply ended
 VARIABLE: Final = "IPHYRE_JAX_LLM_"
 NOT_CONFIGURED: Final = (
     "llm: no endpoint: set IPHYRE_JAX_LLM_URL and IPHYRE_JAX_LLM_MODEL (IPHYRE_JAX_LLM_KEY if it asks for one), "
@@ -63,7 +68,13 @@ class Endpoint:
         if not self.model or self.model != one_line(self.model):
             raise ValueError(f"{VARIABLE}MODEL: expected the name of a model, got {show(self.model)}")
         if self.key is not None and (self.key in self.model or not _is_header(self.key)):
-            raise ValueError(f"{VARIABLE}KEY: expected printable ASCII without spaces, and another text than the model")
+            what = "printable ASCII without spaces, quotes and backslashes, and another text than the model"
+            raise ValueError(f"{VARIABLE}KEY: expected {what}")
+
+    def check(self, settings: CallSettings) -> None:
+        """Refuse, in one line, a temperature that servers of this kind do not know."""
+        if not settings.completion_tokens:
+            check_least("temperature", settings.temperature, 0, WARMEST[self.kind], f"a temperature for {self.kind}")
 
     def complete(self, conversation: Sequence[Message], settings: CallSettings) -> Answer:
         """Ask and return the answer, trying again while the server is busy or at fault.
@@ -71,12 +82,14 @@ class Endpoint:
         Raises:
             CallFailedError: there is no answer; one line without the key.
             ModuleNotFoundError: the extra `llm` is missing.
+            ValueError: see `check`.
         """
+        self.check(settings)
         ask = CALLS[self.kind](self, conversation, settings)
 
         def call() -> Answer:
             answer = within(self.limit, lambda: _guarded(ask, self.key))
-            finish = None if answer.finish is None else without_key(answer.finish, self.key)
+            finish = None if answer.finish is None else without_key(answer.finish, self.key)[:MAX_WORD]
             return answer._replace(reply=without_key(answer.reply, self.key)[-MAX_READ:], finish=finish)
 
         return with_patience(call)
@@ -112,7 +125,8 @@ def check_url(name: str, url: str) -> None:
 
 
 def _is_header(key: str) -> bool:
-    return key.isascii() and all("!" <= sign <= "~" for sign in key)
+    """Whether a key may stand in a header, and is the same in whatever text a server's answer is shown."""
+    return key.isascii() and all("!" <= sign <= "~" and sign not in "\\'\"" for sign in key)
 
 
 def _guarded(ask: Callable[[], Answer], key: str | None) -> Answer:
@@ -129,9 +143,15 @@ def _guarded(ask: Callable[[], Answer], key: str | None) -> Answer:
 
 
 def _wait(response: Any) -> float | None:  # noqa: ANN401 - of a package
-    """The seconds that a server asks to wait for, as `Retry-After` states them."""
+    """The seconds that a server asks to wait for, as `Retry-After` states them, or the date there."""
     try:
-        wait = float(response.headers["retry-after"])
-    except (AttributeError, KeyError, TypeError, ValueError):  # none, or a date
+        stated = response.headers["retry-after"]
+    except (AttributeError, KeyError, TypeError):
         return None
-    return wait if math.isfinite(wait) and wait >= 0 else None
+    with suppress(ValueError):
+        wait = float(stated)
+        return wait if math.isfinite(wait) and wait >= 0 else None
+    with suppress(ValueError):
+        date = parsedate_to_datetime(stated)
+        return max(0.0, (date.replace(tzinfo=date.tzinfo or UTC) - datetime.now(UTC)).total_seconds())
+    return None

@@ -22,6 +22,7 @@ from iphyre_jax.agents.language.replies import ReplyForm
 from iphyre_jax.attempts.protocol import Attempt, Feedback
 from iphyre_jax.checks import check_option
 from iphyre_jax.physics.constants import GRAVITY
+from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import Scene, load_scene
 
 VERSION: Final = 1  # of all texts; a changed text takes the next number
@@ -49,7 +50,9 @@ class Moment(NamedTuple):
 
     seconds: float
     poses: descriptions.Poses  # (N, 3) px, px, rad
-    earlier: descriptions.Poses  # 0.1 s before
+    earlier: descriptions.Poses  # 0.1 s before, or at the start if that is later
+    rate: float = DECISIONS_PER_SECOND  # spans between the two in a second
+    gone: frozenset[int] = frozenset()  # slots of the blocks that were removed
 
 
 _SYSTEM: Final = "You play a game of physical reasoning. Think as long as you need, then answer in the form asked for."
@@ -102,6 +105,7 @@ The empty list [] waits.""",
 }
 _PICTURE: Final = "The picture shows the start; the numbers on the blocks are their indices.\n"
 _FRAMES: Final = "Further pictures show, of each earlier attempt, five moments after its last removal.\n"
+_EMPTY: Final = "(no text)"  # told as an empty reply, for some servers refuse empty messages
 _AGAIN: Final = (
     "Your answer could not be read: {problem}. Answer again and end with the JSON list in the form asked for."
 )
@@ -200,7 +204,7 @@ class Prompt:
     def _now(self, scene: Scene, moment: Moment | None) -> str:
         if self.strategy == "in-advance" or moment is None:
             return ""
-        state = descriptions.describe_state(scene, moment.poses, moment.earlier)
+        state = descriptions.describe_state(scene, moment.poses, moment.earlier, moment.rate)
         return f"{moment.seconds:.2f} s have passed in this attempt. Now:\n{state}\n"
 
     def _pictures_told(self, past: Sequence[Attempt]) -> str:
@@ -219,4 +223,5 @@ class Prompt:
 
 def again(conversation: Sequence[Message], reply: str, problem: str) -> list[Message]:
     """Return the conversation that asks once more after a reply that could not be read."""
-    return [*conversation, Message("assistant", reply), Message("user", _AGAIN.format(problem=problem))]
+    said = reply if reply.strip() else _EMPTY
+    return [*conversation, Message("assistant", said), Message("user", _AGAIN.format(problem=problem))]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple, NoReturn, get_args
 
@@ -52,27 +52,35 @@ class Parsed:
     problem: str | None = None
 
 
-def parse_reply(text: str, blocks: int, form: ReplyForm = "plan") -> Parsed:
+def parse_reply(
+    text: str,
+    blocks: int,
+    form: ReplyForm = "plan",
+    latest: float = TIME_LIMIT,
+    gone: Set[int] = frozenset(),
+) -> Parsed:
     """Read a reply; total: there is no text for which it raises.
 
     Args:
         text: the reply.
         blocks: eliminable blocks of the game, which bounds `index`.
         form: what was asked for.
+        latest: s, that an entry may name: what is left of the 15 s.
+        gone: slots of the blocks that were removed before.
 
     Returns:
-        The removals. An entry is dropped for its "time" (no finite number from 0 to 15, or a boolean), its "index" (no
-        whole number below `blocks`), because its block has one already ("repeated"), or, of the form "next", because
-        another entry comes before it ("later"). Nothing is clamped.
+        The removals. An entry is dropped for its "time" (no finite number from 0 to `latest`, or a boolean), its
+        "index" (no whole number below `blocks`), because its block is gone or has one already ("repeated"), or, of the
+        form "next", because another entry comes before it ("later"). Nothing is clamped.
     """
     found = _last_answer(text[-MAX_READ:])
     if found is None:
         return Parsed(problem="no JSON list of objects was found")
     removals: list[Removal] = []
     dropped: Counter[Reason] = Counter()
-    taken: set[int] = set()
+    taken = set(gone)
     for entry in found:
-        time = 0.0 if form == "now" else _time(entry.get("time"))
+        time = 0.0 if form == "now" else _time(entry.get("time"), latest)
         index = _index(entry.get("index"), blocks)
         if index is None or time is None:
             dropped["index" if index is None else "time"] += 1
@@ -88,8 +96,8 @@ def parse_reply(text: str, blocks: int, form: ReplyForm = "plan") -> Parsed:
     return Parsed(tuple(removals), dict(dropped))
 
 
-def _time(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= TIME_LIMIT:
+def _time(value: object, latest: float) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= latest:
         return None
     return float(value)
 

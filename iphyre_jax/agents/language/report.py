@@ -35,6 +35,7 @@ HANDWRITTEN: Final = (
     "without a network. No model gave them. The figures check the machinery and are no model's score."
 )
 
+PLAYED: Final = "all played"
 UNKNOWN: Final = "not known"  # why: the orders that solve a game are known of the forty alone
 Floats = npt.NDArray[np.float64]
 
@@ -124,9 +125,10 @@ def document(
 
 
 def columns(settings: RunSettings) -> dict[str, tuple[str, ...]]:
-    """Return the splits that were played whole, and what was played if that is none of them."""
-    whole = {split: games for split, games in COLUMNS.items() if set(games) <= set(settings.games)}
-    return whole or {"played": settings.games}
+    """Return the splits that were played whole, and all games played unless a split has them all."""
+    played = set(settings.games)
+    whole = {split: games for split, games in COLUMNS.items() if set(games) <= played}
+    return whole if any(played == set(games) for games in whole.values()) else {**whole, PLAYED: settings.games}
 
 
 def split_table(settings: RunSettings, scores: Mapping[str, Scores]) -> str:
@@ -144,18 +146,15 @@ def split_table(settings: RunSettings, scores: Mapping[str, Scores]) -> str:
             line = [[index[game] for game in games] for games in shown.values()]
             cells.append([f"{name}, {what}", *(_cell(reward[games], solved[games]) for games in line)])
     people = paper_numbers()["agents"]["Human"]
-    if settings.fps == PEOPLE_FPS and set(shown) <= set(people):
-        told = [f"{people[split][0]:.1f}, {people[split][1]:.0f} %" for split in shown]
+    if settings.fps == PEOPLE_FPS and set(shown) & set(people):
+        told = [f"{people[split][0]:.1f}, {people[split][1]:.0f} %" if split in people else "-" for split in shown]
         cells.append(["people, best of 5 (paper)", *told])
     return markdown_table(["agent", *(TITLES.get(split, split) for split in shown)], cells)
 
 
 def _cell(reward: Floats, solved: Floats) -> str:
     found, share = mean_interval(reward), mean_interval(solved)
-    return (
-        f"{found.value:.1f} [{found.low:.0f}, {found.high:.0f}], "
-        f"{100 * share.value:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"
-    )
+    return f"{found.value:.1f} {found.bounds()}, {100 * share.value:.0f} % {share.bounds(scale=100)}"
 
 
 def reading_table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -166,6 +165,7 @@ def reading_table(rows: Sequence[Mapping[str, Any]]) -> str:
         ["attempts", str(len(rows))],
         ["replies", str(questions)],
         ["readable replies", f"{100 * (questions - unread) / questions:.1f} %"],
+        ["replies cut off at the limit of tokens", str(sum(row["cut_off"] for row in rows))],
         ["attempts with a question that had no answer", str(sum(row["no_answer"] for row in rows))],
         *(
             [

@@ -80,6 +80,7 @@ def rows_of(settings: RunSettings, ended: Ended) -> list[dict[str, Any]]:
                         "order": list(executed_order(steps, made)),
                         "questions": log.questions,
                         "unread": log.unread,
+                        "cut_off": log.cut_off,
                         "no_answer": log.no_answer,
                         "dropped": {reason: log.dropped[reason] for reason in REASONS},
                         "tokens_in": log.tokens_in,

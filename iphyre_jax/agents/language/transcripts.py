@@ -23,6 +23,7 @@ from typing import Any, Final, NamedTuple
 from iphyre_jax.agents.language.calls import MAX_TOKENS, Answer
 from iphyre_jax.agents.language.prompts import VERSION as PROMPT_VERSION
 from iphyre_jax.agents.language.prompts import Message, Prompt
+from iphyre_jax.agents.language.replies import MAX_READ
 from iphyre_jax.checks import check_instance, check_whole, one_line, show
 from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.files import parse_json
@@ -31,7 +32,8 @@ from iphyre_jax.viewer import line_files
 
 SCHEMA: Final = "iphyre_jax/ask"
 VERSION: Final = 1
-MAX_LINE: Final = 2_000_000  # bytes of a call
+# Bytes of a call: three replies of as many characters as are kept, twelve bytes for each at most, and the prompt.
+MAX_LINE: Final = 3 * 12 * MAX_READ + 2_000_000
 MOST_LINES: Final = 1_000_000
 HANDWRITTEN: Final = "hand-written"  # the kind of lines that no model wrote
 

@@ -144,7 +144,7 @@ def _headline(folder: Path) -> str:
 
 def _interval(values: Mapping[str, float], games: Sequence[str]) -> str:
     found = mean_interval([values[game] for game in games])
-    return f"{found.value:.1f} [{found.low:.0f}, {found.high:.0f}]"
+    return f"{found.value:.1f} {found.bounds()}"
 
 
 def _by_copies(folder: Path) -> str:

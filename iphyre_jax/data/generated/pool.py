@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,13 +22,13 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import check_option, check_rows, show
 from iphyre_jax.data.dataset import check_path, check_target
-from iphyre_jax.data.generated.canvas import BALLS, BARS, Canvas, scene_of
+from iphyre_jax.data.generated.canvas import BALLS, BARS, FREE, SPRING, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.files import check_exist, file_sum, pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import CORE, provenance
-from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes import SPLITS, Scene
 
 SCHEMA: Final = "iphyre_jax/generated"
 VERSION: Final = 1
@@ -50,6 +51,16 @@ ARRAYS: Final[Mapping[str, tuple[str, tuple[int, ...]]]] = {
     "moving": ("bool", (BARS,)),
     "link": ("int8", (BALLS,)),
     "anchor": ("int8", (BALLS,)),
+}
+BOUNDS: Final[Mapping[str, tuple[float, float]]] = {
+    "number": (0, math.inf),
+    "basic": (-1, len(SPLITS["basic"]) - 1),
+    "distance": (0, math.inf),
+    "plans": (1, math.inf),
+    "n_bars": (0, BARS),
+    "n_balls": (0, BALLS),
+    "link": (FREE, SPRING),
+    "anchor": (0, BARS - 1),
 }
 
 
@@ -181,13 +192,31 @@ def save_generated(scenes: GeneratedScenes, path: str | os.PathLike[str]) -> Non
     """Write generated scenes as NAME.npz and NAME.json; each file is whole at any moment.
 
     Raises:
-        ValueError: the path has another ending, or NAME.json is there and is something else; one line.
+        ValueError: the path has another ending, NAME.json is there and is something else, or a column is wrong; one
+            line.
         OSError: a file cannot be written.
     """
     npz, manifest = check_target(path, SCHEMA, ARRAYS)
+    _check_columns(scenes.columns, len(scenes), "scenes")
     content = pack_npz(scenes.columns)
     replace_bytes(npz, content)
     replace_json(manifest, {**scenes.manifest, "sha256": hashlib.sha256(content).hexdigest()})
+
+
+def _check_columns(columns: Columns, count: object, source: str) -> None:
+    """Refuse columns that no generated scenes have; ValueError in one line."""
+    for name, (dtype, shape) in ARRAYS.items():
+        column, wanted = columns.get(name), (count, *shape)
+        if column is None or str(column.dtype) != dtype or column.shape != wanted:
+            got = "none" if column is None else f"{column.dtype} of shape {column.shape}"
+            raise ValueError(f"{source}: {name}: expected {dtype} of shape {wanted}, got {got}")
+    if unknown := sorted(set(columns) - set(ARRAYS)):
+        raise ValueError(f"{source}: {show(unknown[0])}: expected no such array")
+    for name, (least, most) in {**BOUNDS, "solved": (0, columns["plans"])}.items():
+        wrong = ~((columns[name] >= least) & (columns[name] <= most))  # of NaN too
+        if wrong.any():
+            limit = "as many as plans" if name == "solved" else most
+            raise ValueError(f"{source}: {name}: expected {least} to {limit}, got {columns[name][wrong][0]}")
 
 
 def generated_file(path: str | os.PathLike[str]) -> Path:
@@ -210,13 +239,7 @@ def load_generated(path: str | os.PathLike[str]) -> GeneratedScenes:
         raise ValueError(f"{npz}: expected the bytes that {described.name} tells of, but they were changed")
     columns = read_npz(npz, MAX_BYTES)
     count = manifest.get("scenes")
-    for name, (dtype, shape) in ARRAYS.items():
-        column, wanted = columns.get(name), (count, *shape)
-        if column is None or str(column.dtype) != dtype or column.shape != wanted:
-            got = "none" if column is None else f"{column.dtype} of shape {column.shape}"
-            raise ValueError(f"{npz}: {name}: expected {dtype} of shape {wanted}, got {got}")
-    if unknown := sorted(set(columns) - set(ARRAYS)):
-        raise ValueError(f"{npz}: {show(unknown[0])}: expected no such array")
+    _check_columns(columns, count, str(npz))
     check_option(f"{described}: kind", manifest.setdefault("kind", DEFAULT_KIND), tuple(KINDS))
     if type(manifest.get("seed")) is not int:
         raise ValueError(f"{described}: seed: expected a whole number, got {show(manifest.get('seed'))}")

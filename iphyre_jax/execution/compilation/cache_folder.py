@@ -108,7 +108,7 @@ def claimed(path: Path) -> Iterator[bool]:
     """
     with contextlib.ExitStack() as stack:
         try:
-            stack.enter_context(lock_file(path.with_suffix(".lock")))
+            stack.enter_context(lock_file(path.with_suffix(".lock"), f"{path}: expected an entry"))
             is_ours = True
         except BlockingIOError:
             is_ours = False

@@ -56,16 +56,30 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(200, right[: len(right) // 2])
         elif fault == "other JSON":
             self._send(200, json.dumps({"hello": [1, 2]}))
+        elif fault == "an error inside":
+            self._send(200, json.dumps({"error": {"message": f"overloaded {secret}", "code": 502}}))
+        elif fault == "no answer inside":
+            self._send(200, json.dumps({**_answer(self.path, body), "choices": [], "content": None}))
+        elif fault == "a stream":
+            self._send(200, "data: [DONE]", {"content-type": "text/event-stream"})
         elif fault == "a page":
             self._send(200, "<html>log in</html>", {"content-type": "text/html"})
         elif fault == "redirect":
             self._send(307, "", {"location": f"{self.server.url}/elsewhere"})
         elif fault == "odd":  # an answer, with nonsense beside it
             answer = _answer(self.path, body, "x" * 100_000 + REPLY)
-            for part in (answer, *answer.get("choices", [])):
-                part |= {"finish_reason": 7, "stop_reason": [secret]}
+            _ended(answer, 7)
             answer["usage"] = dict.fromkeys(answer["usage"], -1.5)
             self._send(200, json.dumps(answer))
+        elif fault == "the key at the end":
+            self._send(200, json.dumps(_ended(_answer(self.path, body), "x" * 75 + secret.removeprefix("Bearer "))))
+        elif fault == "half a character":
+            self._send(200, json.dumps(_answer(self.path, body, f"so \ud83d {REPLY}")))
+        elif fault == "parts":
+            thought = {"type": "thinking", "thinking": "hm", "signature": "x"}
+            self._send(200, json.dumps(_answer(self.path, body, [thought, {"type": "text", "text": REPLY}])))
+        elif fault == "nothing":
+            self._send(200, json.dumps(_answer(self.path, body, [])))
         elif fault == "echo":
             self._send(200, json.dumps(_answer(self.path, body, f"your key is {secret}. {REPLY}")))
         else:
@@ -93,7 +107,14 @@ class _Handler(BaseHTTPRequestHandler):
                 return
 
 
-def _answer(path: str, body: dict[str, Any], reply: str = REPLY) -> dict[str, Any]:
+def _ended(answer: dict[str, Any], why: object) -> dict[str, Any]:
+    """Let an answer say why it ended."""
+    for part in (answer, *answer.get("choices", [])):
+        part |= {"finish_reason": why, "stop_reason": why}
+    return answer
+
+
+def _answer(path: str, body: dict[str, Any], reply: str | list[dict[str, str]] = REPLY) -> dict[str, Any]:
     if path.endswith("/chat/completions"):
         message = {"role": "assistant", "content": reply}
         return {
@@ -104,7 +125,8 @@ def _answer(path: str, body: dict[str, Any], reply: str = REPLY) -> dict[str, An
             "choices": [{"index": 0, "message": message, "finish_reason": "stop"}],
             "usage": {"prompt_tokens": 30, "completion_tokens": 12, "total_tokens": 42},
         }
-    content = [{"type": "text", "text": reply[:9]}, {"type": "text", "text": reply[9:]}]
+    texts = [reply[:9], reply[9:]] if isinstance(reply, str) else []
+    content = [{"type": "text", "text": text} for text in texts] or reply
     return {
         "id": "1",
         "type": "message",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime
 
 import pytest
 
@@ -63,6 +65,13 @@ def test_what_does_not_pass_is_not_tried_again(error: CallFailedError) -> None:
     assert waits == []
 
 
+def test_a_wait_that_is_too_long_is_named() -> None:
+    call, waits = failing(CallFailedError("llm: busy", 429, 500.0))
+    with pytest.raises(CallFailedError, match=r"^llm: the server asks to wait for 500 s, more than 120 s: llm: busy$"):
+        with_patience(call, waits.append)
+    assert waits == []
+
+
 def test_a_call_ends_at_its_limit() -> None:
     never = threading.Event()
 
@@ -117,6 +126,15 @@ def test_the_wait_of_a_server_is_read(said: str, wait: float | None) -> None:
     assert endpoints._wait(None) is None
 
 
+def test_a_wait_until_a_date_is_read() -> None:
+    def wait(date: datetime) -> float | None:
+        return endpoints._wait(ServerError("", 429, {"retry-after": format_datetime(date, usegmt=True)}).response)
+
+    now = datetime.now(UTC)
+    assert wait(now + timedelta(hours=1)) == pytest.approx(3600, abs=60)
+    assert wait(now - timedelta(hours=1)) == 0.0
+
+
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for kind in endpoints.KINDS:
         monkeypatch.setitem(sys.modules, kind, None)
@@ -157,6 +175,7 @@ def test_what_is_not_configured_is_one_line(given: dict[str, str]) -> None:
         ({"MODEL": KEY}, "KEY: expected printable ASCII"),
         ({"KEY": "two words"}, "KEY: expected printable ASCII"),
         ({"KEY": "schlüssel"}, "KEY: expected printable ASCII"),
+        *(({"KEY": f"a-key-with-{sign}"}, "KEY: expected printable ASCII") for sign in "\\'\""),
     ],
 )
 def test_a_wrong_variable_is_named_without_the_key(given: dict[str, str], message: str) -> None:

@@ -22,7 +22,7 @@ from iphyre_jax.agents.language.replies import MAX_READ, parse_reply
 from iphyre_jax.agents.language.settings import Caps, RunSettings
 from iphyre_jax.agents.language.transcripts import Question
 from iphyre_jax.scenes import load_scene
-from tests.agents.language.language_server import LanguageServer, serving
+from tests.agents.language.language_server import REPLY, LanguageServer, serving
 
 pytest.importorskip("openai", reason="make test-llm has the packages")
 pytest.importorskip("anthropic", reason="make test-llm has the packages")
@@ -100,6 +100,14 @@ def test_a_busy_server_is_asked_again(server: LanguageServer, kind: str, monkeyp
 
 
 FAULTS = ["401", "slow", "dripping", "cut", "no JSON", "other JSON", "a page", "redirect", "gone"]
+FAULTS += ["an error inside", "no answer inside", "a stream"]
+SAID = {
+    "other JSON": "got None",
+    "a page": "got <html>log in</html>",
+    "an error inside": "got overloaded ",
+    "no answer inside": "got a list of 0",
+    "a stream": "got data: [DONE]",
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -119,6 +127,9 @@ def test_every_fault_leaves_a_run_that_goes_on(
         Live(asked.complete, file, model, SETTINGS, Caps())(QUESTION, scene, conversation)
     assert str(caught.value).startswith("llm: ")
     assert "\n" not in str(caught.value)
+    if fault in SAID:
+        what = ("choices", SAID[fault]) if kind == "openai" else ("content", SAID[fault].replace("a list of 0", "None"))
+        assert f"expected an answer with {', '.join(what)}" in str(caught.value)
     assert not file.exists()  # nothing to score
     assert all(seen["path"] != "/elsewhere" for seen in server.seen)
     answer = Live(endpoint(server, kind).complete, file, model, SETTINGS, Caps())(QUESTION, scene, conversation)
@@ -141,6 +152,31 @@ def test_nonsense_beside_an_answer_does_not_spoil_it(server: LanguageServer, kin
     assert len(answer.reply) == MAX_READ
     assert len(parse_reply(answer.reply, 2).removals) == 2
     assert transcripts.read(file)[QUESTION].answer.reply == answer.reply
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_replies_of_parts_of_halves_and_of_nothing_are_replies(server: LanguageServer, kind: str) -> None:
+    server.faults = ["parts", "half a character", "nothing"]
+    replies = [endpoint(server, kind).complete(MESSAGES, CallSettings()).reply for _ in range(3)]
+    assert replies == [REPLY, f"so ? {REPLY}", ""]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_key_is_hidden_before_the_end_of_an_answer_is_cut(server: LanguageServer, kind: str) -> None:
+    server.faults = ["the key at the end"]
+    assert endpoint(server, kind).complete(MESSAGES, CallSettings()).finish == "x" * 75 + HIDDEN
+
+
+def test_a_temperature_that_a_kind_does_not_know_is_refused_and_none_is_changed(server: LanguageServer) -> None:
+    warm = CallSettings(1.5)
+    with pytest.raises(
+        ValueError, match=r"^temperature: expected a temperature for anthropic of .* at most 1, got 1.5$"
+    ):
+        endpoint(server, "anthropic").complete(MESSAGES, warm)
+    assert not server.seen
+    endpoint(server, "openai").complete(MESSAGES, warm)
+    endpoint(server, "anthropic").complete(MESSAGES, CallSettings(1.5, completion_tokens=True))
+    assert [seen["body"].get("temperature") for seen in server.seen] == [1.5, None]
 
 
 @pytest.mark.parametrize("kind", KINDS)

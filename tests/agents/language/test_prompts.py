@@ -97,6 +97,8 @@ def test_earlier_attempts_and_the_moment_are_told_where_asked_for() -> None:
     assert "Attempt 1" in text(Prompt("plain", "in-advance", "outcome"), past=(attempt(),))
     assert "2.50 s have passed" in text(Prompt("plain", "on-the-fly"), moment=moment)
     assert "have passed" not in text(Prompt("plain"), moment=moment)
+    later = poses + np.array([0.0, 1.5, 0.0])
+    assert "velocity (0, 30) px/s" in text(Prompt("plain", "combined"), moment=Moment(0.05, later, poses, 20.0))
 
 
 def test_names_and_hashes_differ() -> None:
@@ -123,6 +125,11 @@ def test_a_renewed_question_says_why() -> None:
     assert [message.role for message in renewed] == ["system", "user", "assistant", "user"]
     assert "could not be read: no JSON list of objects was found." in renewed[-1].text
     assert renewed[:2] == conversation
+
+
+def test_an_empty_reply_is_told_in_words() -> None:
+    for reply in ("", " \n"):
+        assert again([], reply, "nothing")[0].text == "(no text)"
 
 
 def test_pictures_show_numbers_and_five_moments() -> None:

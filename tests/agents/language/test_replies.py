@@ -79,6 +79,12 @@ def test_only_the_next_removal_counts_where_one_is_asked_for() -> None:
     assert (parsed.removals, parsed.dropped) == (((1, 1),), {"later": 1})
 
 
+def test_what_is_gone_or_after_the_end_is_dropped_and_the_next_entry_counts() -> None:
+    text = '[{"time": 1, "index": 0}, {"time": 3, "index": 2}, {"time": 2, "index": 1}]'
+    parsed = parse_reply(text, 3, "next", 2.5, {0})
+    assert (parsed.removals, parsed.dropped) == (((2, 1),), {"repeated": 1, "time": 1})
+
+
 def test_what_goes_now_needs_no_time() -> None:
     assert plan('[{"index": 2}, {"index": 0, "time": "soon"}]', "now") == [(0, 2), (0, 0)]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax.agents.language import agent as agent_module
-from iphyre_jax.agents.language import runs, transcripts
+from iphyre_jax.agents.language import endpoints, runs, transcripts
 from iphyre_jax.agents.language.agent import LanguageAgent
 from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import Answer, CallFailedError, CallSettings
@@ -20,7 +20,7 @@ from iphyre_jax.agents.language.descriptions import describe_state
 from iphyre_jax.agents.language.prompts import Message, Prompt
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.agents.language.transcripts import Question
-from iphyre_jax.attempts.protocol import Attempts
+from iphyre_jax.attempts.protocol import Attempt, Attempts
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import Scene, load_scene
@@ -136,9 +136,43 @@ def test_combined_asks_after_each_removal(ends_after: list[int]) -> None:
     assert steps_of(again, "combined") == [-1, 20]
     late = Model('[{"time": 9, "index": 1}]', '[{"time": 9, "index": 0}]')  # after the end
     assert steps_of(late, "combined") == [-1, 90]
+    end = Model('[{"time": 9, "index": 1}]', '[{"time": 6, "index": 0}]')  # as in advance
+    assert steps_of(end, "combined") == [150, 90]
     at_once = Model('[{"time": 0, "index": 1}]', "[]")
     assert steps_of(at_once, "combined") == [-1, 1]
     assert "index 1: removed" in at_once.heard[1][1].text
+
+
+@pytest.mark.parametrize(
+    ("strategy", "replies", "dropped"),
+    [
+        ("combined", ['[{"time": 2, "index": 1}]', '[{"time": 1, "index": 1}]'], {"repeated": 1}),
+        ("combined", ['[{"time": 9, "index": 1}]', '[{"time": 9, "index": 0}]'], {"time": 1}),
+        ("on-the-fly", ['[{"index": 1}]', '[{"index": 1}]', '[{"index": 0}]'], {"repeated": 1}),
+    ],
+)
+def test_entries_of_gone_blocks_and_after_the_end_are_counted(
+    ends_after: list[int], strategy: StrategyName, replies: list[str], dropped: dict[str, int]
+) -> None:
+    asking = agent(Model(*replies), Prompt("plain", strategy))
+    asking(SUPPORT, 1, np.random.default_rng(0), ())
+    assert asking.asked["support", 1].dropped == dropped
+
+
+def test_combined_takes_the_next_block_that_is_there(ends_after: list[int]) -> None:
+    model = Model('[{"time": 2, "index": 1}]', '[{"time": 1, "index": 1}, {"time": 3, "index": 0}]')
+    assert steps_of(model, "combined") == [50, 20]
+
+
+def test_the_span_of_an_early_velocity_is_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An object that moves by 1 px a step of 1/60 s moves at 60 px/s, 0.05 s after the start as after 2 s."""
+    line = np.zeros((1, 901, SUPPORT.n_objects, 3))
+    line[..., 0] = np.arange(901)[:, None]
+    moving = SimpleNamespace(success=[False], fault=[0], steps=[900], samples=line)
+    monkeypatch.setattr(agent_module, "simulate", lambda *args, **options: moving)
+    model = Model('[{"time": 0.05, "index": 0}]', '[{"time": 2, "index": 1}]')
+    agent(model, Prompt("plain", "combined"), 60)(SUPPORT, 1, np.random.default_rng(0), ())
+    assert "velocity (60, 0) px/s" in model.heard[1][1].text
 
 
 def test_on_the_fly_asks_every_half_second_until_the_end(ends_after: list[int]) -> None:
@@ -188,6 +222,23 @@ def test_a_failed_call_scores_nothing_and_the_run_goes_on_to_the_same_rows(
     assert runs.rows_of(SETTINGS, runs.run(SETTINGS, replay)) == rows
     assert replay.models == ["openai: tiny"]
     assert not replay.handwritten
+
+
+def test_the_longest_call_fits_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three unreadable replies of emoji, which JSON writes with twelve bytes each, after a hundred attempts."""
+    reply = Answer("\U0001f600" * 70_000, "x" * 10_000, None, None)
+    monkeypatch.setitem(endpoints.CALLS, "openai", lambda *args: lambda: reply)
+    settings = RunSettings(games=("multi_ball_stack",), attempts=100, feedback="trajectory")
+    scene = load_scene("multi_ball_stack")
+    asked = Live(
+        endpoints.Endpoint("openai", "https://a.example", "tiny").complete, tmp_path / "t", MODEL, settings, Caps()
+    )
+    poses = np.tile(scene.start_poses, (151, 1, 1)) + 0.123
+    past = [Attempt(np.full(len(scene.eliminable_blocks), 1.25), False, -25.0, 6, 15.0, poses)] * 99
+    agent = LanguageAgent(settings.asked, asked, 0, 60, 1)
+    agent(scene, 1, np.random.default_rng(0), past)
+    assert agent.asked[scene.name, 100].unread == 3
+    assert len(transcripts.read(tmp_path / "t")) == 3
 
 
 def test_caps_end_a_run_that_goes_on_with_higher_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -277,3 +277,30 @@ def test_a_selection_is_saved_and_described(tmp_path: Path, capsys: pytest.Captu
     assert hard.manifest["nearest_px"] == hard.columns["distance"].min()
     with pytest.raises(ValueError, match=r"^rows: expected indices or a mask of 4000 rows, got 0$"):
         shipped.select(0)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("n_bars", -1, "n_bars: expected 0 to 11, got -1"),
+        ("link", 99, "link: expected 0 to 2, got 99"),
+        ("anchor", -1, "anchor: expected 0 to 10, got -1"),
+        ("plans", 0, "plans: expected 1 to inf, got 0"),
+        ("solved", 30_000, "solved: expected 0 to as many as plans, got 30000"),
+        ("distance", np.nan, "distance: expected 0 to inf, got nan"),
+    ],
+)
+def test_numbers_that_no_scenes_have_are_refused(
+    column: str, value: float, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = load_generated("shipped").select([0, 1])
+    wrong = some.columns[column].copy()
+    wrong[1] = value
+    bad = GeneratedScenes({**some.columns, column: wrong}, some.manifest)
+    with pytest.raises(ValueError, match=f"^scenes: {message}$"):
+        save_generated(bad, tmp_path / "bad.npz")
+    with monkeypatch.context() as patch:
+        patch.setattr(pool, "_check_columns", lambda *given: None)
+        save_generated(bad, tmp_path / "bad.npz")
+    with pytest.raises(ValueError, match=f"bad.npz: {message}$"):
+        load_generated(tmp_path / "bad.npz")
