@@ -166,8 +166,8 @@ wheel: .venv/.stamp ## build the wheel and try it in a clean environment without
 results: .venv/.stamp ## train five seeds of every agent and write docs/results/results.md; goes on where it stopped
 	$(PY) -m benchmarks.learning.agents --weights iphyre_jax/train/weights
 
-results-paper: .venv/.stamp ## one seed of every agent with the paper's settings; writes docs/results/results-paper.md
-	$(PY) -m benchmarks.learning.agents --table paper --seeds 1
+results-paper: .venv/.stamp ## five seeds of every agent with the paper's settings; writes docs/results/results-paper.md
+	$(PY) -m benchmarks.learning.agents --table paper
 
 results-controllers: .venv/.stamp ## three seeds of agents that see predictions of world models; writes docs/results/results-controllers.md; needs results-world
 	$(PY) -m benchmarks.learning.agents --table controllers --seeds 3
