@@ -25,8 +25,19 @@ def checked_seed(seed: object) -> int | None:
     return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
 
 
-def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDArray[Any]:  # noqa: ANN401
+def checked_action(
+    space: Space,
+    action: Any,  # noqa: ANN401
+    batch: tuple[int, ...],
+    idle: npt.NDArray[np.bool_] | None = None,
+) -> npt.NDArray[Any]:
     """Return an action, or a batch of actions, as an array of the space's dtype.
+
+    Args:
+        space: of one action.
+        action: what the caller gave.
+        batch: shape of the batch; () for one action.
+        idle: of that shape, the worlds whose actions may be any; 0, which all spaces have, takes their place.
 
     Raises:
         ValueError: it has another shape or dtype, or lies outside the space; one line.
@@ -37,6 +48,9 @@ def checked_action(space: Space, action: Any, batch: tuple[int, ...]) -> npt.NDA
         raise ValueError("action: expected an array, got rows of unequal length") from None
     if array.shape != batch + space.shape:
         raise ValueError(f"action: expected shape {batch + space.shape}, got {array.shape}")
+    if idle is not None and array.dtype.kind in "fiu":
+        array = array.copy()
+        array[idle] = 0
     if isinstance(space, Discrete):
         if array.dtype.kind not in "iu":
             raise ValueError(f"action: expected whole numbers, got dtype {array.dtype}")

@@ -12,7 +12,7 @@ from brax.envs.base import Env, State
 from iphyre_jax.adapters.arguments import refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.envs import make
-from iphyre_jax.rules import TIME_LIMIT
+from iphyre_jax.envs.spaces import Box
 
 
 def mend_brax() -> None:
@@ -37,9 +37,10 @@ class BraxEnv(Env):
     `mend_brax` makes brax's trainers run on newer versions of JAX.
 
     state.pipeline_state is the `EnvState`; metrics has success; info has terminated and truncated by gymnasium's
-    definition, 0 or 1. In brax the time limit is the wrapper's: give `episode_length=150` on the fly, so that its
-    `EpisodeWrapper` ends an episode and says so in `info["truncation"]`. done is 1 where terminated, and one decision
-    after the limit.
+    definition, 0 or 1. done, reward, metrics and info are of JAX's default float, as brax's own are. In brax the time
+    limit is the wrapper's: give `episode_length=150` on the fly, so that its `EpisodeWrapper` ends an episode and says
+    so in `info["truncation"]`. There done is 1 where terminated, and one decision after the limit or a fault. Combined
+    episodes have no fixed number of decisions: done is 1 where terminated or truncated.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
@@ -53,29 +54,35 @@ class BraxEnv(Env):
         refuse_options(options, ("autoreset",), ", because brax's wrapper resets")
         self.env, self.params = make(id, autoreset=False, **options)
         self._on_the_fly = self.env.strategy.name == "on-the-fly"
+        self._actions = Box(-1.0, 1.0, (self.action_size,))
 
     def reset(self, rng: jax.Array) -> State:
         """Begin an episode."""
         obs, state = self.env.reset(rng, self.params)
-        zero = jnp.zeros((), jnp.float32)
+        zero = _number(0)
         return State(state, obs, zero, zero, metrics={"success": zero}, info={"terminated": zero, "truncated": zero})
 
     def step(self, state: State, action: jax.Array) -> State:
-        """Play one decision."""
-        own = jnp.argmax(action).astype(jnp.int32) if self._on_the_fly else ((action + 1) / 2).clip(0.0, 1.0)
+        """Play one decision.
+
+        Raises:
+            ValueError: the action has another shape or is not numeric; one line.
+        """
+        given = self._actions.array(action)
+        own = jnp.argmax(given).astype(jnp.int32) if self._on_the_fly else ((given + 1) / 2).clip(0.0, 1.0)
         key = jax.random.key(0)  # without autoreset nothing is random
         out = self.env.step(key, state.pipeline_state, own, self.params)
         obs, after, reward, *official, info = out
         terminated, truncated = gymnasium_flags(self.env, *official)
-        late = self.env.info(state.pipeline_state, self.params)["time"] >= TIME_LIMIT
-        flags = {"terminated": terminated.astype(jnp.float32), "truncated": truncated.astype(jnp.float32)}
+        before = self.env.worlds.status(self.params, state.pipeline_state)
+        late = self.env.has_ended(before) if self._on_the_fly else truncated
         return state.replace(
             pipeline_state=after,
             obs=obs,
-            reward=reward,
-            done=(terminated | late).astype(jnp.float32),
-            metrics=state.metrics | {"success": info["success"].astype(jnp.float32)},
-            info=state.info | flags,
+            reward=_number(reward),
+            done=_number(terminated | late),
+            metrics=state.metrics | {"success": _number(info["success"])},
+            info=state.info | {"terminated": _number(terminated), "truncated": _number(truncated)},
         )
 
     @property
@@ -93,3 +100,8 @@ class BraxEnv(Env):
     def backend(self) -> str:
         """The name of the solver, which is not one of brax's."""
         return "iphyre_jax"
+
+
+def _number(value: jax.typing.ArrayLike) -> jax.Array:
+    """Return a number as brax's wrappers make theirs, float64 under x64; another type ends their scans."""
+    return jnp.asarray(value, float)

@@ -49,7 +49,7 @@ class DmEnv(dm_env.Environment):
         env, params = self._single[self._game]
         with jax.enable_x64(self._x64):
             obs, self._state = env.reset_to(np.int32(0), params)
-            return dm_env.restart(np.asarray(obs))
+            return dm_env.restart(np.array(obs))
 
     def step(self, action: Any) -> dm_env.TimeStep:  # noqa: ANN401 - whatever the user takes for one
         """Play one decision; after the end of an episode, and at first, begin one instead.
@@ -64,7 +64,7 @@ class DmEnv(dm_env.Environment):
         env, params = self._single[self._game]
         with jax.enable_x64(self._x64):
             out = env.step(jax.random.key(0), self._state, checked, params)  # without autoreset nothing is random
-            obs, self._state, reward = np.asarray(out[0]), out[1], np.float32(out[2])
+            obs, self._state, reward = np.array(out[0]), out[1], np.float32(out[2])
             terminated, truncated = gymnasium_flags(self.env, bool(out[3]), bool(out[4]))
         if terminated or truncated:
             self._state = None

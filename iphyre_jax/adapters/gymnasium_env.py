@@ -91,7 +91,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             self._game = int(drawn) if game is None else game_row(self.env, game)
             env, params = self._single_game(self._game)
             obs, self._state = env.reset_to(np.int32(0), params)
-            return np.asarray(obs), self._info(False, False)
+            return np.array(obs), self._info(False, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Play one decision.
@@ -109,14 +109,14 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             obs, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
             official = bool(terminated), bool(truncated)
             flags = gymnasium_flags(self.env, *official)
-            return np.asarray(obs), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
+            return np.array(obs), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the picture of the world, (600, 600, 3) uint8; None without a render mode."""
         if self.render_mode is None or self._state is None:
             return None
         with jax.enable_x64(self._x64):
-            return np.asarray(_picture(*self._single_game(self._game), self._state))
+            return np.array(_picture(*self._single_game(self._game), self._state))
 
     def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
         if self._state is None:

@@ -91,7 +91,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._x64 = self.env.dtype == "float64"
-        self._generators = [seeding.np_random(None)[0] for _ in range(num_envs)]
+        self._generators = [seeding.np_random(None) for _ in range(num_envs)]  # each with its seed
         self._seeds = np.zeros(num_envs, np.int64)  # seed of each world's next episode
         self._draw(np.ones(num_envs, bool))
         self._ended = np.zeros(num_envs, bool)
@@ -120,8 +120,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         seeds = [] if seed is None else self._seeds_of(seed)
         for k, one in enumerate(seeds):
             if one is not None and mask[k]:
-                self._generators[k] = seeding.np_random(one)[0]
-                self._seeds[k] = self._generators[k].integers(SEEDS)
+                self._generators[k] = seeding.np_random(one)
+                self._seeds[k] = self._generators[k][0].integers(SEEDS)
         info = self._begin(mask, games)
         return self._obs.copy(), self._infos(info, mask, np.zeros_like(mask), np.zeros_like(mask))
 
@@ -143,7 +143,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             raise ValueError(
                 f'step: expected a reset with options["reset_mask"] of worlds that ended, got {ended} ended'
             )
-        checked = checked_action(self.env.action_space(), actions, (self.num_envs,))
+        checked = checked_action(self.env.action_space(), actions, (self.num_envs,), self._ended)
         with jax.enable_x64(self._x64):
             out = _step(self.env, self._seeds, self._state, checked, self.params)
         obs, self._state, reward, terminated, truncated, last, now = out
@@ -168,6 +168,16 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             infos = self._infos(now, every, *official)
         flags = gymnasium_flags(self.env, *official)
         return self._obs.copy(), rewards, flags[0] | nothing, flags[1] | nothing, infos
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generator of each world, as gymnasium's own vector environments have them."""
+        return tuple(generator for generator, _ in self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each world's generator."""
+        return tuple(seed for _, seed in self._generators)
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """Return the pictures of the worlds, (600, 600, 3) uint8 each; None without a render mode."""
@@ -217,7 +227,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     def _draw(self, worlds: npt.NDArray[np.bool_]) -> None:
         """Draw the seeds of the next episodes of some worlds, each from the world's own generator."""
         for k in np.flatnonzero(worlds):
-            self._seeds[k] = self._generators[k].integers(SEEDS)
+            self._seeds[k] = self._generators[k][0].integers(SEEDS)
 
     def _infos(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
@@ -28,6 +28,15 @@ class GymnaxParams(EnvParams):
 
     params: EnvParams
     max_steps_in_episode: int = field(metadata={"static": True})
+
+    def replace(self, **changes: Any) -> GymnaxParams:  # noqa: ANN401
+        """Return the parameters with other attributes, as gymnax's own do."""
+        return replace(self, **changes)
+
+    @property
+    def made_for(self) -> str:  # type: ignore[override]
+        """Refuse, in one line, the package's own calls, which ask for it."""
+        raise ValueError("params: expected the parameters that make has returned, got gymnax's; use params.params")
 
     @property
     def topology_id(self) -> jax.Array:
@@ -113,4 +122,6 @@ def _gymnax_space(space: Space) -> Any:  # noqa: ANN401
         return space
     if isinstance(space, Discrete):
         return spaces.Discrete(space.n)
-    return spaces.Box(space.low, space.high, space.shape, jax.numpy.dtype(space.dtype))
+    box = spaces.Box(space.low, space.high, space.shape, jax.numpy.dtype(space.dtype))
+    box.sample = space.sample  # gymnax's own gives NaN between infinite bounds
+    return box

@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jumanji import specs
 from jumanji.env import Environment as JumanjiEnvironment
 from jumanji.types import StepType, TimeStep, restart
@@ -72,6 +73,8 @@ class JumanjiEnv(JumanjiEnvironment[JumanjiState, specs.Array, jax.Array]):
     def observation_spec(self) -> specs.Array:
         """The specification of an observation."""
         space = self.env.observation_space()
+        if not np.isfinite([space.low, space.high]).all():
+            return specs.Array(space.shape, space.dtype, "observation")
         return specs.BoundedArray(space.shape, space.dtype, space.low, space.high, "observation")
 
     @cached_property

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.checks import check_instance, check_whole, one_line, show
+from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.params import EnvParams, Worlds
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.memory import check_memory
@@ -50,17 +51,38 @@ def check_params(params: object, worlds: Worlds) -> None:
         raise ValueError(f"params: expected the parameters that make has returned, got {show(params)}")
     if params.made_for != worlds.made_for:
         raise ValueError("params: expected those of this environment, got those of another")
+    _check_width("params", params, worlds)
 
 
-def check_state(state: object, worlds: Worlds) -> None:
-    """Refuse what is not one state of these worlds; ValueError in one line."""
+def check_state(state: object, params: EnvParams, worlds: Worlds) -> None:
+    """Refuse what is not one state of these worlds with parameters for them; ValueError in one line.
+
+    The game of a traced state is not known yet.
+    """
     wanted = "a state that reset or step of this environment has returned"
     check_instance("state", state, worlds.state_type, wanted)
     if getattr(state, "state_of", "") != worlds.state_of:
         raise ValueError(f"state: expected {wanted}, got one of another environment")
-    shape = np.shape(jax.tree.leaves(state)[0])
+    words = jax.tree.leaves(state)[0]  # those of the status stand in front, in states of all kinds
+    shape = np.shape(words)
     if len(shape) != 1:
         raise ValueError(f"state: expected one state, got states of shape {shape[:-1]}; jax.vmap plays a batch")
+    _check_width("state", state, worlds)
+    check_params(params, worlds)
+    if isinstance(words, jax.Array | np.ndarray) and not isinstance(words, jax.core.Tracer):
+        check_row(int(jax.device_get(words)[GAME]), params.games)
+
+
+def check_row(row: int, games: int) -> None:
+    """Refuse the game of a state that its parameters do not have; ValueError in one line."""
+    if row >= games:
+        raise ValueError(f"state: expected a game of these parameters, got row {row} of {games}")
+
+
+def _check_width(name: str, tree: object, worlds: Worlds) -> None:
+    """Refuse arrays of float64 worlds that were cut to 32 bits, as JAX does when it loads them without x64."""
+    if worlds.dtype == "float64" and all(leaf.dtype.itemsize < 8 for leaf in jax.tree.leaves(tree)):
+        raise ValueError(f"{name}: expected float64, got float32; load it under jax.enable_x64(True)")
 
 
 def check_arrays(name: str, tree: object) -> None:

@@ -225,8 +225,7 @@ class Environment:
         check_fork()
         if self.autoreset:
             check_key(key)
-        check_state(state, self.worlds)
-        check_params(params, self.worlds)
+        check_state(state, params, self.worlds)
         self.check_dtype()
         out: tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]
         checked = self.action_space().array(action)
@@ -255,8 +254,7 @@ class Environment:
         Returns:
             See `step`.
         """
-        check_state(state, self.worlds)
-        check_params(params, self.worlds)
+        check_state(state, params, self.worlds)
         check_game("next_game", next_game, params, NO_GAME)
         next_game = _nearest_row(next_game, params, NO_GAME)
         before = self.worlds.status(params, state)
@@ -274,8 +272,7 @@ class Environment:
     def observe(self, state: EnvState, params: EnvParams) -> jax.Array:
         """Return the observation of a state; ValueError in one line for a wrong argument, or if JAX lacks the dtype."""
         check_fork()
-        check_state(state, self.worlds)
-        check_params(params, self.worlds)
+        check_state(state, params, self.worlds)
         self.check_dtype()
         with as_interrupts():
             out: jax.Array = self._observe(state, params)
@@ -306,8 +303,7 @@ class Environment:
             ValueError: these are no state and parameters, or JAX lacks the physics' dtype; one line.
         """
         check_fork()
-        check_state(state, self.worlds)
-        check_params(params, self.worlds)
+        check_state(state, params, self.worlds)
         self.check_dtype()
         info = self._info(self.worlds.status(params, state))
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info

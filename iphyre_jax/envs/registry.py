@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import Final, get_args
@@ -22,6 +23,7 @@ from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scen
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
 
 _MAX_ID: Final = 100  # characters
+_NAME: Final = re.compile(r"[\w.-]+-v(0|[1-9][0-9]*)", re.ASCII)  # what the registry of gymnasium can read
 _REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
 
 
@@ -41,17 +43,17 @@ def register(name: str, scenes: Sequence[SceneLike], *, overwrite: bool = False)
     """Name a set of your own games, for all three strategies; the same set may take its name again.
 
     Args:
-        name: with a version, as "mine-v1", which makes "in-advance/mine-v1" and so on.
+        name: with a version, as "mine-v1", which makes "in-advance/mine-v1" and so on; of ASCII letters, digits, "_",
+            "." and "-".
         scenes: names, files or scenes; read when the environment is made.
         overwrite: whether a name of your own may get other scenes; environments made before keep theirs.
 
     Raises:
         ValueError: the name has another form or is taken, or there are no scenes; one line.
     """
-    stem, _, version = name.rpartition("-v") if isinstance(name, str) else ("", "", "")
-    form = stem and version.isdecimal() and "/" not in stem and name.isprintable() and len(name) <= _MAX_ID
-    if not form:
-        raise ValueError(f'name: expected the form "mine-v1", of at most {_MAX_ID} characters, got {show(name)}')
+    if not isinstance(name, str) or len(name) > _MAX_ID or not _NAME.fullmatch(name):
+        wanted = f'the form "mine-v1", at most {_MAX_ID} of A-Z, a-z, 0-9, "_", "." and "-"'
+        raise ValueError(f"name: expected {wanted}, got {show(name)}")
     if isinstance(scenes, str) or not isinstance(scenes, Sequence) or not scenes:
         raise ValueError("scenes: expected a sequence of at least one name, file or Scene")
     if name in _known() and not (name in _REGISTERED and (overwrite or _REGISTERED[name] == tuple(scenes))):

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import iphyre_jax
+
 pytest.importorskip("brax")
 pytestmark = pytest.mark.filterwarnings("default")  # brax's own are not ours
 
@@ -56,6 +58,59 @@ def test_the_time_limit_is_a_truncation_of_brax(episode_length: int) -> None:
         assert told[149:] == [[1, 1, 1], [0, 0, 0], [0, 0, 0]]
     else:
         assert told[149:] == [[0, 0, 1], [1, 0, 1], [0, 0, 0]]
+
+
+@pytest.mark.parametrize(("strategy", "dones"), [("on-the-fly", [0, 0, 0, 0, 1]), ("combined", [1, 1, 1, 1, 1])])
+def test_a_world_with_a_fault_ends(strategy: str, dones: list[int]) -> None:
+    """Eight bars in one place need more contact points than a world has, long before the time limit."""
+    from brax.envs.wrappers.training import wrap
+
+    from iphyre_jax.adapters import BraxEnv
+
+    builder = iphyre_jax.SceneBuilder("overflow")
+    for number in range(8):
+        builder.block((200, 335), (400, 335), eliminable=number == 0)
+    builder.ball((300, 300), radius=20)
+    iphyre_jax.register("overflow-v1", [builder.build()], overwrite=True)
+    env = BraxEnv(f"{strategy}/overflow-v1")
+    wrapped = wrap(env, episode_length=150)
+    state = jax.jit(wrapped.reset)(jax.random.split(jax.random.PRNGKey(0), 1))
+    wait, step = -jnp.ones((1, env.action_size)), jax.jit(wrapped.step)
+    told = []
+    for _ in dones:
+        state = step(state, wait)
+        told.append(float(state.done[0]))
+    assert told == dones
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly"])
+def test_numbers_are_those_of_brax_under_x64(strategy: str, dtype: str) -> None:
+    """Its wrappers carry them through a scan beside float64 numbers of their own."""
+    from brax.envs.wrappers.training import EvalWrapper, wrap
+
+    from iphyre_jax.adapters import BraxEnv
+
+    env = BraxEnv(f"{strategy}/support-v1", dtype=dtype)
+    wrapped = EvalWrapper(wrap(env, episode_length=150))
+    with jax.enable_x64(True):
+        state = jax.eval_shape(wrapped.reset, jax.random.split(jax.random.PRNGKey(0), 2))
+        after = jax.eval_shape(wrapped.step, state, jnp.zeros((2, env.action_size)))
+    kinds = [jax.tree.map(lambda leaf: leaf.dtype, one) for one in (state, after)]
+    assert kinds[0] == kinds[1]
+    assert after.done.dtype == after.reward.dtype == after.metrics["success"].dtype == jnp.float64
+
+
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly"])
+@pytest.mark.parametrize("shape", [(), (5,), (1, 7)])
+def test_actions_of_another_shape_are_refused(strategy: str, shape: tuple[int, ...]) -> None:
+    from iphyre_jax.adapters import BraxEnv
+
+    env = BraxEnv(f"{strategy}/support-v1")
+    state = jax.eval_shape(env.reset, jax.random.PRNGKey(0))
+    with pytest.raises(ValueError) as caught:
+        env.step(state, jnp.zeros(shape))
+    assert str(caught.value) == f"action: expected shape ({env.action_size},), got {shape}"
 
 
 @pytest.mark.slow

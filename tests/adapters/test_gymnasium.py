@@ -28,6 +28,15 @@ def test_in_advance_ends_terminated_and_keeps_the_official_flags() -> None:
     assert info["time"] == 15.0
 
 
+def test_observations_are_the_users_own() -> None:
+    env = GymnasiumEnv("on-the-fly/support-v1", render_mode="rgb_array")
+    obs, _ = env.reset(seed=0)
+    for array in (obs, env.step(0)[0], env.render()):
+        assert array is not None
+        array[:] = 0
+    assert env.step(0)[0].any()
+
+
 def _random_actions(rng: np.random.Generator, strategy: str, count: int) -> np.ndarray:
     """Removals that solve some games and leave others."""
     return rng.integers(0, 3, count) if strategy == "on-the-fly" else rng.uniform(0, 1, (count, 6)).astype(np.float32)

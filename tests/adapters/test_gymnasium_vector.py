@@ -47,6 +47,33 @@ def test_autoreset_is_that_of_gymnasium(mode: AutoresetMode) -> None:
     assert games == {0, 1}
 
 
+def test_generators_are_those_of_gymnasium() -> None:
+    ours, theirs = GymnasiumVectorEnv(ID, 3), SyncVectorEnv([lambda: GymnasiumEnv(ID)] * 3)
+    for seed in (5, [7, None, 9], None):
+        ours.reset(seed=seed)
+        theirs.reset(seed=seed)
+        if seed == 5:
+            assert ours.np_random_seed == theirs.np_random_seed == (5, 6, 7)
+        assert ours.np_random_seed[::2] == theirs.np_random_seed[::2]
+    assert tuple(one.bit_generator.seed_seq.entropy for one in ours.np_random) == ours.np_random_seed
+
+
+@pytest.mark.parametrize("fill", [-1.0, np.nan])
+def test_the_action_of_an_ended_world_may_be_any(fill: float) -> None:
+    """In next step: trainers fill it in. That of another world may not."""
+    envs = GymnasiumVectorEnv(ID, 2, autoreset_mode="NextStep")
+    envs.reset(seed=0)
+    filler = np.full((2, 6), fill, np.float32)
+    with pytest.raises(ValueError, match=r"^action: expected numbers from 0 to 1"):
+        envs.step(filler)
+    assert envs.step(np.zeros((2, 6), np.float32))[2].all()
+    obs, rewards, terminated, _, _ = envs.step(filler)
+    np.testing.assert_array_equal(filler, fill)
+    assert not rewards.any()
+    assert not terminated.any()
+    assert envs.observation_space.contains(obs)
+
+
 @pytest.mark.slow
 def test_without_autoreset_the_user_begins_episodes() -> None:
     ours = GymnasiumVectorEnv("on-the-fly/support-v1", 3, autoreset_mode="Disabled")

@@ -9,10 +9,11 @@ from typing import Any
 import jax
 import pytest
 
+import iphyre_jax
 import iphyre_jax.adapters as adapters
 from iphyre_jax import make
 from iphyre_jax.adapters import FiveValues, GymnaxEnv, register_gymnax
-from iphyre_jax.adapters.gymnax_env import GymnaxView
+from iphyre_jax.adapters.gymnax_env import GymnaxParams, GymnaxView
 
 
 class _Discrete:
@@ -21,6 +22,9 @@ class _Discrete:
 
 
 class _Box:
+    def sample(self, key: Any) -> Any:
+        return jax.numpy.full(self.shape, jax.numpy.nan)
+
     def __init__(self, low: float, high: float, shape: tuple[int, ...], dtype: Any) -> None:
         self.low, self.high, self.shape, self.dtype = low, high, shape, dtype
 
@@ -50,6 +54,35 @@ def test_spaces_are_those_of_gymnax_where_it_is(adapter: Any, gymnax: dict[str, 
     assert isinstance(space, _Box)
     assert (space.low, space.high, space.shape, str(space.dtype)) == (0.0, 1.0, (122,), "float32")
     assert adapter(*make("in-advance/support-v1")).action_space().shape == (6,)
+
+
+@pytest.mark.usefixtures("gymnax")
+def test_samples_between_infinite_bounds_are_numbers() -> None:
+    space = GymnaxEnv(*make("on-the-fly/support-v1", observation="motion")).observation_space()
+    assert isinstance(space, _Box)
+    sample = space.sample(jax.random.key(0))
+    assert sample.shape == space.shape
+    assert jax.numpy.isfinite(sample).all()
+
+
+def test_the_packages_own_calls_ask_for_its_parameters() -> None:
+    own, params = make("on-the-fly/support-v1")
+    theirs = FiveValues(own, params).default_params
+    assert isinstance(theirs, GymnaxParams)
+    line = r"^params: expected the parameters that make has returned, got gymnax's; use params\.params$"
+    with pytest.raises(ValueError, match=line):
+        own.reset(jax.random.key(0), theirs)
+    with pytest.raises(ValueError, match=line):
+        iphyre_jax.envs.Batch.of(own, theirs, [0])
+    own.reset(jax.random.key(0), theirs.params)
+
+
+def test_parameters_are_replaced_as_those_of_gymnax() -> None:
+    env = GymnaxEnv(*make("on-the-fly/support-v1"))
+    assert isinstance(env.default_params, GymnaxParams)
+    shorter = env.default_params.replace(max_steps_in_episode=5)
+    assert (shorter.max_steps_in_episode, shorter.params) == (5, env.default_params.params)
+    env.reset(jax.random.key(0), shorter)
 
 
 @pytest.mark.parametrize(("strategy", "decisions"), [("in-advance", 1), ("on-the-fly", 150), ("combined", 7)])

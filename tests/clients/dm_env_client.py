@@ -40,6 +40,7 @@ def episode(env: dm_env.Environment, action: np.ndarray) -> float:
     assert env.reset().first()
     moment = env.step(action)
     assert moment.last()
+    assert moment.observation.flags.writeable
     assert moment.discount == 0
     return float(moment.reward)
 

@@ -28,6 +28,7 @@ def interfaces() -> None:
         env = JumanjiEnv(name)
         check_env_does_not_smoke(env)
         check_env_specs_does_not_smoke(env)
+    assert np.isfinite(JumanjiEnv(FLY, observation="motion").observation_spec.generate_value()).all()
     gym = JumanjiToGymWrapper(JumanjiEnv(FLY))
     obs, _ = gym.reset(seed=0)
     assert gym.observation_space.contains(np.asarray(obs))

@@ -360,7 +360,8 @@ def test_bad_scenes_are_refused() -> None:
     for scenes in ([], "support", 3):
         with pytest.raises(ValueError, match="scenes: expected a sequence of at least one"):
             env.params(scenes)
-    for name in ("mine", "mine-v", "a/b-v1", "-v1", 3):
+    unreadable = ("two shelves-v1", "two(shelves)-v1", "a:b-v1", "mine-v01", "x-v\u0663", "\u00e4-v1", "mine-v1\n")
+    for name in ("mine", "mine-v", "a/b-v1", "-v1", 3, *unreadable):  # to gymnasium, which then makes no id at all
         with pytest.raises(ValueError, match=r'name: expected the form "mine-v1"'):
             iphyre_jax.register(name, ["support"])
     with pytest.raises(ValueError, match="scenes: expected a sequence"):

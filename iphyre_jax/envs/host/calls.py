@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.arguments import check_row
+from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.host.step import HostStep
 from iphyre_jax.execution.layout import Words
 
@@ -24,11 +26,16 @@ def reset_episodes(host: HostStep, _: object, out: Sequence[object], *given: obj
 
 
 def step_episodes(host: HostStep, _: object, out: Sequence[object], *given: object) -> None:
-    """Play one decision of each episode; buffers as in `reset_episodes`. Episodes may be written where they are."""
+    """Play one decision of each episode; buffers as in `reset_episodes`. Episodes may be written where they are.
+
+    Raises:
+        ValueError: an episode is of a game that these tables do not have; one line.
+    """
     words, obs, before, status, *final = _flat(out)
     batch = np.asarray(out[0]).shape[:-1]
     scenes, topology_id, first = _tables(given, batch)
     episodes, requests = (_as_rows(part, batch) for part in given[2:4])
+    check_row(int(episodes[:, GAME].max()), np.asarray(given[1]).shape[-1])
     next_game = np.broadcast_to(np.asarray(given[4]), batch).reshape(-1)
     if np.ndim(first):  # each world has games of its own
         episodes = episodes.copy()

@@ -79,7 +79,9 @@ class HostWorlds(Worlds):
         topology_id = [one for one, _ in built]
         features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
         rows = [self._row(self.topologies[one], world, own) for (one, world), own in zip(built, features, strict=True)]
-        table = np.zeros((len(rows), max(map(len, rows))), WORD[self.dtype])
+        # As wide as the largest topology needs: tables of any scenes have one shape, and share compiled programs.
+        most = max(scene_layout(topology, self.dtype).rows for topology in self.topologies)
+        table = np.zeros((len(rows), ID_WORDS + self.features.rows + most), WORD[self.dtype])
         for k, row in enumerate(rows):
             table[k, : len(row)] = row
         with jax.enable_x64(self.dtype == "float64"):

@@ -69,6 +69,14 @@ class ClientArray:
 
 
 def _device_put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
+    try:
+        return _put(array)
+    except jax.errors.JaxRuntimeError:  # a guard against transfers, which means the user's devices; to ask costs 6 us
+        with jax.transfer_guard("allow"):
+            return _put(array)
+
+
+def _put(array: npt.NDArray[Any]) -> Any:  # noqa: ANN401
     aval = _aval(array.shape, array.dtype)
     if array.itemsize == 8:  # otherwise 64 bits become 32, whatever the aval says
         with jax.enable_x64(True):
