@@ -13,7 +13,8 @@ import numpy as np
 
 from iphyre_jax.checks import missing_extra, one_line
 from iphyre_jax.files import check_output, replacing
-from iphyre_jax.viewer.frames import Frame, Look, Recordings, frames, still
+from iphyre_jax.memory import check_memory
+from iphyre_jax.viewer.frames import Frame, Look, Recordings, frame_numbers, frames, still
 from iphyre_jax.viewer.recording import Recording
 
 try:
@@ -59,7 +60,10 @@ def save(
             Image.fromarray(still(plays, look, titles, frame=frame)).save(part, optimize=True)
         elif target.suffix.lower() == ".gif":
             every = _gif_step(fps)
-            _write_gif(part, frames(plays, look, titles, every=every, hold=hold), fps / every)
+            numbers = frame_numbers(plays, every=every, hold=hold)
+            samples = [still(plays, look, titles, frame=numbers[k]) for k in (0, len(numbers) // 2, -1)]
+            film = frames(plays, look, titles, every=every, hold=hold)
+            _write_gif(part, film, samples, len(numbers), fps / every)
         else:
             write_mp4(part, frames(plays, look, titles, hold=hold), fps)
 
@@ -86,17 +90,25 @@ def _gif_step(fps: int) -> int:
     return max(1, -(-fps // GIF_RATE))
 
 
-def _write_gif(path: Path, pictures: Iterable[Frame], rate: float) -> None:
-    """Write a looping GIF. Each frame lasts whole ticks; rounding errors do not add up."""
-    images = [Image.fromarray(one) for one in pictures]
-    sample = Image.new("RGB", (images[0].width, images[0].height * 3))
-    for place, k in enumerate((0, len(images) // 2, len(images) - 1)):
-        sample.paste(images[k], (0, place * images[0].height))
-    palette = sample.quantize(GIF_COLOURS, dither=Image.Dither.NONE)
-    indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    ends = [round(GIF_TICK * (k + 1) / rate) for k in range(len(images))]
+def _write_gif(path: Path, pictures: Iterable[Frame], samples: Sequence[Frame], count: int, rate: float) -> None:
+    """Write a looping GIF. Each frame lasts whole ticks; rounding errors do not add up.
+
+    Args:
+        path: the file.
+        pictures: its frames.
+        samples: those of its frames whose colours it has.
+        count: the number of frames.
+        rate: frames a second.
+
+    Raises:
+        ValueError: Pillow keeps a byte for each pixel until the end, and so much memory is not free.
+    """
+    check_memory("size", count * samples[0][..., 0].size, "make a smaller film, or .mp4")
+    palette = Image.fromarray(np.concatenate(samples)).quantize(GIF_COLOURS, dither=Image.Dither.NONE)
+    indexed = (Image.fromarray(one).quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
+    ends = [round(GIF_TICK * (k + 1) / rate) for k in range(count)]
     lasts = [1000 // GIF_TICK * (end - start) for start, end in zip([0, *ends], ends, strict=False)]
-    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=lasts, loop=0, optimize=False)
+    next(indexed).save(path, save_all=True, append_images=indexed, duration=lasts, loop=0, optimize=False)
 
 
 def write_mp4(path: Path, pictures: Iterable[Frame], fps: float) -> None:

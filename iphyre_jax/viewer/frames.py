@@ -208,27 +208,38 @@ def frames(
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
-    check_whole("every", every, 1, MAX_FRAME)
-    check_least("hold", hold, 0, MAX_SECONDS, "seconds")
-    cameras = _cameras(plays, look, titles)
-    steps = max(camera.recording.steps for camera in cameras)
-    stops = [*range(0, steps, every), steps]
-    for k in [*stops, *[steps] * round(hold * cameras[0].recording.fps / every)]:
+    numbers, cameras = frame_numbers(plays, every=every, hold=hold), _cameras(plays, look, titles)
+    for k in numbers:
         yield np.asarray(side_by_side([camera.image(k) for camera in cameras], cameras[0].colours))
 
 
-def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
-    """Return a camera for each play."""
+def frame_numbers(plays: Recordings, *, every: int = 1, hold: float = 1.0) -> list[int]:
+    """Return the physics step that each frame of a film shows; arguments and errors are those of `frames`."""
+    check_whole("every", every, 1, MAX_FRAME)
+    check_least("hold", hold, 0, MAX_SECONDS, "seconds")
+    recordings = _recordings(plays)
+    steps = max(recording.steps for recording in recordings)
+    return [*range(0, steps, every), steps, *[steps] * round(hold * recordings[0].fps / every)]
+
+
+def _recordings(plays: Recordings) -> list[Recording]:
+    """Check plays."""
     if not isinstance(plays, Recording) and not is_list(plays):
         raise ValueError(f"plays: expected one or more recordings, got {show(plays)}")
     recordings = [plays] if isinstance(plays, Recording) else list(plays)
     for recording in recordings:
         check_instance("plays", recording, Recording, "recordings")
-    if look is not None:
-        check_instance("look", look, Look, "a Look")
     rates = sorted({recording.fps for recording in recordings})
     if len(rates) != 1:
         raise ValueError(f"plays: expected at least one, all at one frame rate, got {len(recordings)} at {rates}")
+    return recordings
+
+
+def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
+    """Return a camera for each play."""
+    recordings = _recordings(plays)
+    if look is not None:
+        check_instance("look", look, Look, "a Look")
     names = [None] * len(recordings) if titles is None else list(titles)
     if len(names) != len(recordings):
         raise ValueError(f"titles: expected {len(recordings)}, got {len(names)}")

@@ -28,7 +28,7 @@ from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.library import ALL_GAMES, is_game
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.viewer import line_files
-from iphyre_jax.viewer.recording import Recording, record
+from iphyre_jax.viewer.recording import Recording, record, record_program
 
 SCHEMA: Final = "iphyre_jax/play"
 VERSION: Final = 1
@@ -242,6 +242,10 @@ def play_from_json(data: object, source: str) -> Play:
     if result is not None and (not isinstance(result, Mapping) or set(result) != set(RESULT_FIELDS)):
         problems.append(f"result: expected an object of {', '.join(RESULT_FIELDS)}, got {show(result)}")
     raise_problems(source, problems)
+    try:
+        record_program(scene, fps=int(fps), dtype=str(dtype))  # type: ignore[call-overload]  # checked above
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
     return Play(str(agent), scene, tuple(plan), int(fps), dtype, resets, result)  # type: ignore[arg-type, call-overload]  # checked above
 
 

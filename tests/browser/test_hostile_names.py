@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ from iphyre_jax.viewer.play.server import PlayServer
 from iphyre_jax.viewer.play.session import Session
 from iphyre_jax.viewer.plays import Play
 from iphyre_jax.viewer.recording import record
+from tests.browser.play_page import until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -44,13 +44,6 @@ def scene(name: str) -> Scene:
     builder.block((100, 500), (500, 500), eliminable=True)
     builder.ball((300, 300))
     return builder.build()
-
-
-def until(page: Page, condition: str, seconds: float = 90.0) -> None:
-    end = time.monotonic() + seconds
-    while not page.evaluate(condition):
-        assert time.monotonic() < end, condition
-        time.sleep(0.01)
 
 
 def check_that_nothing_ran(page: Page, scripts: int, asked: str) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
 
-from iphyre_jax import GAMES, load_scene
+from iphyre_jax import GAMES, load_scene, memory
 from iphyre_jax.compat.picture import picture
 from iphyre_jax.compat.world import SteppedWorld
+from iphyre_jax.viewer import films
 from iphyre_jax.viewer.films import save, save_picture
 from iphyre_jax.viewer.frames import Camera, Look, frames, still
 from iphyre_jax.viewer.recording import Recording, record
@@ -97,6 +101,27 @@ def test_films_keep_size_and_time(solved: Recording, tmp_path: Path, monkeypatch
             lasts += gif.info["duration"]
     assert lasts == pytest.approx(1000 * (solved.steps / 60 + 1), abs=100)
     assert not list(tmp_path.glob(".*"))
+
+
+def test_a_gif_is_written_frame_by_frame(solved: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[weakref.ref[np.ndarray]] = []
+    alive: list[int] = []
+
+    def watched(*arguments: Any, **options: Any) -> Iterator[np.ndarray]:
+        for one in frames(*arguments, **options):
+            made.append(weakref.ref(one))
+            alive.append(sum(reference() is not None for reference in made))
+            yield one
+
+    monkeypatch.setattr(films, "frames", watched)
+    save(tmp_path / "a.gif", solved, Look(size=64), hold=0)
+    assert len(made) == 88
+    assert max(alive) <= 3
+    monkeypatch.setattr(memory, "available", lambda: 10**6)
+    monkeypatch.setattr(memory, "_ALWAYS", 0)
+    with pytest.raises(ValueError, match=r"size: expected a call of at most .* make a smaller film, or .mp4"):
+        save(tmp_path / "b.gif", solved, Look(size=200), hold=0)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.gif"]
 
 
 def test_a_picture_is_the_frame(solved: Recording, tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax import SceneBuilder, load_scene
+from iphyre_jax import Limits, SceneBuilder, load_scene
 from iphyre_jax.cli.main import run
 from iphyre_jax.paper import paper_rewards
+from iphyre_jax.scenes import scene_to_dict
 from iphyre_jax.viewer.load_plays import best_plays, load_plays
 from iphyre_jax.viewer.plays import append_play, iter_plays, open_plays, play_to_json, read_plays
 from iphyre_jax.viewer.recording import record
@@ -75,6 +76,19 @@ def test_a_wrong_line_is_named(change: dict[str, object], message: str, tmp_path
         read_plays(file)
     assert str(error.value).startswith(f"{file}: line 2: ")
     assert message in str(error.value)
+
+
+def test_a_line_whose_scene_has_no_room_for_its_steps_is_named(tmp_path: Path) -> None:
+    builder = SceneBuilder("fourteen", Limits(14, 6))
+    for k in range(14):
+        builder.ball((20 + 42 * k, 340))
+    file = tmp_path / "plays.jsonl"
+    for fps in (546, 1000):
+        append_play(file, GOOD | {"scene": scene_to_dict(builder.build()), "plan": [], "fps": fps})
+    with pytest.raises(ValueError) as error:
+        load_plays(file)
+    wanted = "line 2: fps: expected at most 8190 steps in 15 s for this scene, got 15000"
+    assert str(error.value) == f"{file}: {wanted}"
 
 
 @pytest.mark.parametrize("content", [b"[", b"\xff\n", b"1\n", b'{"a":1,"a":2}\n', b"[" * 50_000, b" " * 200_000])
@@ -180,7 +194,9 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     out = tmp_path / "out.png"
     assert run(["render", "hole", "--plan", "-", "-", "1.38", "0.53", "-o", str(out), "--size", "64"]) == 0
     assert "hole: solved after 261 steps, reward 975.6500" in capsys.readouterr().out
-    for what in (["basic"], [str(plays)], [str(plays), "--game", "hole"]):
+    other_name = tmp_path / "plays.txt"
+    other_name.write_bytes(plays.read_bytes())
+    for what in (["basic"], [str(plays)], [str(plays), "--game", "hole"], [str(other_name)]):
         out.unlink()
         assert run(["render", *what, "-o", str(out), "--size", "64"]) == 0
         assert out.is_file()

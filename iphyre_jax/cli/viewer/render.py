@@ -16,9 +16,10 @@ from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
-from iphyre_jax.scenes.library import SPLIT_OF
+from iphyre_jax.scenes.library import ALL_GAMES, SPLIT_OF
 from iphyre_jax.train.reports.printing import say
 from iphyre_jax.viewer.load_plays import BEST, each_play
+from iphyre_jax.viewer.plays import holds_plays
 from iphyre_jax.viewer.recording import Recording, record
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def render(command: Render, console: Console) -> None:
 
     what, frame = command.what, -1 if command.frame is None else command.frame
     starts = GAMES if what == "all" else SPLITS.get(what)
-    of_plays = what == BEST or what.endswith(".jsonl") or (what != "" and Path(what).is_dir())
+    of_plays = what == BEST or what.endswith(".jsonl") or (what != "" and Path(what).is_dir()) or _has_plays(what)
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
     is_sheet = shown in ("sheet", "plays")
     check_output("out", command.out, (".png",) if is_sheet else SUFFIXES)
@@ -132,6 +133,11 @@ def render(command: Render, console: Console) -> None:
         state = "solved" if play.success else "not solved"
         say(console, f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}")
     say(console, f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB")
+
+
+def _has_plays(what: str) -> bool:
+    """Return whether this is a file of plays, of whatever name; the names of games come first."""
+    return what not in ALL_GAMES and Path(what).is_file() and holds_plays(Path(what))
 
 
 def _frame_look(command: Render, size: int) -> Look:

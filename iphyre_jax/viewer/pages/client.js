@@ -10,6 +10,6 @@ async function call(name, fields = {}) {
     throw new Error("the server does not answer; is iphyre-jax play still running?");
   }
   const value = await answer.json();
-  if (!answer.ok) throw new Error(value.error);
+  if (!answer.ok) throw Object.assign(new Error(value.error), { status: answer.status });
   return value;
 }

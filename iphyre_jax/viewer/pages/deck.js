@@ -18,6 +18,16 @@ const points = (value) => value.toFixed(2);
 /** Whether a key is pressed for the browser, as in Ctrl+1. */
 const hasModifier = (event) => event.ctrlKey || event.metaKey || event.altKey;
 
+/** Give plays of one scene titles: the agent, with a number where it has several. */
+function numbered(plays) {
+  const counts = new Map();
+  const count = ({ agent }) => counts.set(agent, (counts.get(agent) || 0) + 1).get(agent);
+  const numbers = plays.map(count);
+  return plays.map((play, i) => ({ ...play, title: counts.get(play.agent) > 1 ? `${play.agent} #${numbers[i]}` : play.agent }));
+}
+
+const labelOf = (play) => `${play.title} · ${points(play.reward)} · ${play.fps} steps/s`;
+
 /** The result of a play in words. */
 function endOf(play) {
   const state = play.fault ? `invalid physics (fault ${play.fault})` : play.solved ? "solved" : "not solved";
@@ -48,7 +58,7 @@ class Deck {
       this.clock.stop();
       this.clock.jump(frame / this.rate);
     };
-    this.time = make("output", { className: "time" });
+    this.time = make("output", { className: "time", "aria-live": "off" });
     this.speed = make("select", { title: "speed (+ and -)" });
     this.speed.setAttribute("aria-label", "speed");
     for (const value of [0.1, 0.25, 0.5, 1, 2, 4]) {
@@ -136,7 +146,7 @@ class Deck {
       velocities: this.options.velocities ? tape.velocity(k) : [],
     });
     const end = figure.querySelector(".end");
-    end.textContent = over ? endOf(play) : "";
+    end.textContent = over ? endOf(play) : `${play.fps} steps/s`;
     end.className = `end ${over ? (play.solved ? "solved" : "failed") : ""}`;
     canvas.setAttribute("aria-label", `${title}, frame ${k} of ${tape.frames - 1}`);
     canvas.dataset.frame = k;

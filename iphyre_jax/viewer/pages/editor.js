@@ -10,8 +10,14 @@ const EMPTY_SCENE = () => ({
   block: [], ball: [], eli: [], dynamic: [], joint: [], spring: [],
 });
 
+/** The contents of a scene file, one field per line. */
+function sceneText(scene) {
+  const fields = Object.entries(scene).map(([key, value]) => ` ${JSON.stringify(key)}: ${JSON.stringify(value)}`);
+  return `{\n${fields.join(",\n")}\n}\n`;
+}
+
 class Editor {
-  /** stage: draws the scene; on: {change(scene), check(answer)}. */
+  /** stage: draws the scene; on: {change(scene), check({state: of VERDICTS, problems, warnings})}. */
   constructor(stage, on) {
     this.stage = stage;
     this.on = on;
@@ -20,17 +26,29 @@ class Editor {
     this.selected = null;
     this.past = [];
     this.future = [];
-    this.answer = { problems: [], warnings: [], file: null };
+    this.answer = { state: "checking", problems: [], warnings: [] };
     this.turn = 0;
+    this.keep();
   }
 
   open(scene) {
     const { known, ...fields } = scene;
     this.change(() => (this.scene = { joint: [], spring: [], ...structuredClone(fields) }));
+    this.keep();
+  }
+
+  /** Remember the scene as one that is not lost with the page: it was opened or saved. */
+  keep() {
+    this.kept = JSON.stringify(this.scene);
+  }
+
+  get unsaved() {
+    return JSON.stringify(this.scene) !== this.kept;
   }
 
   /** Change the scene in a way that can be undone. */
   change(act) {
+    this._put();
     this.past.push(JSON.stringify(this.scene));
     if (this.past.length > 200) this.past.shift();
     this.future = [];
@@ -47,21 +65,32 @@ class Editor {
   }
 
   _travel(from, to) {
+    this._put();
     if (!from.length) return;
     to.push(JSON.stringify(this.scene));
     this.scene = JSON.parse(from.pop());
     this._changed();
   }
 
+  /** Forget the object pressed first and end a drag where it is: their indices may not outlive a change. */
+  _put() {
+    this.first = null;
+    this.release();
+  }
+
   async _changed() {
     const count = this.scene.block.length + this.scene.ball.length;
     if (this.selected !== null && this.selected >= count) this.selected = null;
-    this.draw();
     this.on.change(this.scene);
     const turn = ++this.turn;
-    const unknown = (error) => ({ problems: [error.message], warnings: [], file: null });
-    const answer = await call("check", { scene: this.scene }).catch(unknown);
-    if (turn !== this.turn) return; // the scene has changed since
+    this._show({ state: "checking", problems: [], warnings: [] });
+    const known = (answer) => ({ state: answer.problems.length ? "invalid" : "valid", ...answer });
+    const unknown = (error) => ({ state: "unknown", problems: [error.message], warnings: [] });
+    const answer = await call("check", { scene: this.scene }).then(known, unknown);
+    if (turn === this.turn) this._show(answer); // else the scene has changed since
+  }
+
+  _show(answer) {
     this.answer = answer;
     this.draw();
     this.on.check(answer);
@@ -69,9 +98,9 @@ class Editor {
 
   /** Handle a press of the pointer. */
   press(point, free) {
+    this.release();
     const at = this._snap(point, free);
     const part = this._partAt(point);
-    this.drag = null;
     if (this.tool === "bar") this._place(() => this._addBar([at[0] - 50, at[1]], [at[0] + 50, at[1]]));
     else if (this.tool === "ball") this._place(() => this._addBall(at));
     else if (this.tool === "delete") part && this.delete(part.object);
@@ -106,6 +135,14 @@ class Editor {
     } else {
       this.scene.block[object][handle] = this._snap(shift(before.block[object][handle]), free);
     }
+    this.draw();
+  }
+
+  /** End a drag where it began: the browser took the pointer for something else. */
+  cancel() {
+    if (!this.drag) return;
+    this.scene = this.drag.before;
+    this.drag = null;
     this.draw();
   }
 
@@ -246,51 +283,4 @@ class Editor {
     }
     drawMessages(pen, theme, this.answer, scene);
   }
-}
-
-/** The object that a line of the check names, or null: "block[2][0]: ...", "ball[0]: ...", "eli[3]: ...". */
-function objectOf(line, scene) {
-  const found = /^(block|ball|eli|dynamic)\[(\d+)\]/.exec(line);
-  if (!found) return null;
-  return Number(found[2]) + (found[1] === "ball" ? scene.block.length : 0);
-}
-
-/** Write the lines of the check on the canvas: near the object they name, or in the upper left corner. */
-function drawMessages(pen, theme, answer, scene) {
-  const poses = restingPoses(scene);
-  pen.font = "13px system-ui, sans-serif";
-  pen.textBaseline = "middle";
-  let corner = 16;
-  const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.warnings.map((text) => [text, theme.quiet])];
-  const taken = new Map();
-  for (const [text, colour] of lines.slice(0, 12)) {
-    const object = objectOf(text, scene);
-    const here = object !== null && object < poses.length;
-    const row = here ? taken.get(object) || 0 : 0;
-    if (here) taken.set(object, row + 1);
-    const parts = wrapped(pen, text, 290);
-    const width = Math.max(...parts.map((part) => pen.measureText(part).width));
-    const x = here ? Math.min(Math.max(8, poses[object][0] - width / 2), SIDE - width - 12) : 8;
-    let y = here ? Math.min(Math.max(16, poses[object][1] + 34 + row * 34), SIDE - 16) : corner;
-    for (const part of parts) {
-      pen.globalAlpha = 0.9;
-      pen.fillStyle = theme.background;
-      pen.fillRect(x - 4, y - 9, pen.measureText(part).width + 8, 18);
-      pen.globalAlpha = 1;
-      pen.fillStyle = colour;
-      pen.fillText(part, x, y);
-      y += 17;
-    }
-    if (!here) corner = y + 6;
-  }
-}
-
-function wrapped(pen, text, width) {
-  const rows = [""];
-  for (const word of text.slice(0, 200).split(" ")) {
-    const longer = rows.at(-1) ? `${rows.at(-1)} ${word}` : word;
-    if (pen.measureText(longer).width <= width || !rows.at(-1)) rows[rows.length - 1] = longer;
-    else rows.push(word);
-  }
-  return rows;
 }

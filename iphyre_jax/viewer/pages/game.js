@@ -8,17 +8,19 @@ class Game {
     this.stage = stage;
     this.on = on;
     this.state = "empty"; // empty, ready, running, waiting, over
+    this.turn = 0; // of the scene that was asked for last
+    this.next = []; // blocks to remove once the frames of the removal before have arrived
     this.away = false; // while another part of the page is shown, time stands still
   }
 
   /** Prepare an attempt at a scene; `play` is its play without removals. */
   async ready(scene, play) {
-    this.scene = scene;
-    this.blocks = eliminableBlocks(scene);
-    this.plan = this.blocks.map(() => -1);
+    this._become("empty");
+    const turn = ++this.turn;
     const tape = await openTape(play, scene);
-    if (this.scene !== scene) return; // the user has chosen another scene
-    Object.assign(this, { play, tape, time: 0, hint: null, shown: 0 });
+    if (turn !== this.turn) return; // the user has chosen another scene
+    const blocks = eliminableBlocks(scene);
+    Object.assign(this, { scene, blocks, plan: blocks.map(() => -1), play, tape, time: 0, hint: null, shown: 0, next: [] });
     this._become("ready");
   }
 
@@ -31,37 +33,46 @@ class Game {
   /** Handle a click or tap on a point of the scene. */
   press(point) {
     if (this.state === "ready") this.start();
-    else if (this.state === "running") this.remove(this._under(point));
+    else if (this.playing) return this.remove(this._under(point));
+    return undefined;
+  }
+
+  /** Whether a play has begun and is not over. */
+  get playing() {
+    return this.state === "running" || this.state === "waiting";
   }
 
   hover(point) {
+    if (this.state === "empty") return;
     this.hint = point && this._under(point);
     this.draw();
   }
 
   /** Remove a block before the step of the current frame: at most one block per step, none before step 1. */
   async remove(block) {
+    if (this.state === "waiting") this.next.push(block);
+    const { scene, plan, turn } = this;
     const column = this.blocks.indexOf(block);
-    if (column < 0 || this.plan[column] >= 0 || this.state !== "running") return;
-    const step = Math.max(this.shown, 1, ...this.plan.map((other) => other + 1));
+    if (column < 0 || plan[column] >= 0 || this.state !== "running") return;
+    const step = Math.max(this.shown, 1, ...plan.map((other) => other + 1));
     if (step >= this.tape.frames - 1) return;
-    this.plan[column] = step;
+    plan[column] = step;
     this._become("waiting");
-    const scene = this.scene;
     try {
-      const play = await call("record", { scene: nameOrScene(scene), plan: this.plan });
+      const play = await call("record", { scene: nameOrScene(scene), plan });
       const tape = await openTape(play, scene);
-      if (this.scene !== scene || this.state !== "waiting") return;
-      Object.assign(this, { play, tape, hint: null });
+      if (turn === this.turn) Object.assign(this, { play, tape, hint: null });
     } catch (error) {
-      this.plan[column] = -1; // the server did not answer, so nothing is removed
+      plan[column] = -1; // the server did not answer, so nothing is removed
+      if (turn === this.turn) this.next = [];
       throw error;
     } finally {
-      if (this.scene === scene && this.state === "waiting") {
+      if (turn === this.turn) {
         this._become("running");
         this._run();
       }
     }
+    while (this.state === "running" && this.next.length) await this.remove(this.next.shift());
   }
 
   /** Skip the rest of the time. */
@@ -89,8 +100,9 @@ class Game {
 
   _run() {
     let before = null;
+    const run = (this.run = {}); // an answer may come before the next frame: of two runs the newer goes on
     const frame = (now) => {
-      if (this.state !== "running") return;
+      if (this.state !== "running" || this.run !== run) return;
       // A hidden page does not jump ahead.
       if (before !== null && !this.away) this.time += Math.min(0.1, (now - before) / 1000);
       before = now;
@@ -106,7 +118,7 @@ class Game {
     this.on.change();
     if (this.shown === this.tape.frames - 1) {
       this._become("over");
-      this.on.end({ plan: this.plan, play: this.play });
+      this.on.end({ scene: this.scene, plan: this.plan });
     }
   }
 

@@ -2,6 +2,7 @@
 // The play page: a game, plays side by side, and the scene editor, on one page.
 
 const NOBODY = "Nobody has played this scene yet";
+const PREPARING = "Preparing the simulator. The first time takes seconds, with many moving objects minutes …";
 const byId = (id) => document.getElementById(id);
 
 class PlayPage {
@@ -11,16 +12,25 @@ class PlayPage {
     const redraw = () => [this.game, this.deck, this.editor].forEach((part) => part && (part.draw || part.show).call(part));
     this.look = new Look(start.themes, byId("look"), redraw);
     const theme = () => this.look.colours;
-    this.game = new Game(new Stage(byId("board"), theme), { change: () => this.showState(), end: (end) => this.ended(end) });
-    this.deck = new Deck(byId("deck"), theme);
-    this.editor = new Editor(new Stage(byId("sketch"), theme), {
-      change: (scene) => this.showScene(scene),
-      check: (answer) => this.showCheck(answer),
+    this.game = new Game(new Stage(byId("board"), theme), {
+      change: () => this.showState(),
+      end: (attempt) => this.attempt(() => this.attempts.add(attempt)),
     });
+    this.attempts = new Attempts({
+      change: () => this.showState(),
+      counted: (attempt, answer) => this.counted(attempt, answer),
+      refused: (attempt, error) => this.attempt(() => this.refused(attempt, error)),
+    });
+    this.deck = new Deck(byId("deck"), theme);
+    this.drawing = new Drawing(new Stage(byId("sketch"), theme));
+    this.editor = this.drawing.editor;
     byId("source").textContent = `Paper: ${start.source.source}. ${start.source.protocol}.`;
     this.fillGames();
     this.wire();
     window.addEventListener("resize", redraw);
+    window.addEventListener("beforeunload", (event) => {
+      if (this.editor.unsaved || this.attempts.unsaved.length) event.preventDefault();
+    });
   }
 
   fillGames() {
@@ -46,6 +56,7 @@ class PlayPage {
     on("next", () => this.turn(1));
     on("start", () => (game.state === "over" ? this.prepare() : game.start()));
     on("finish", () => game.finish());
+    on("resend", () => this.attempts.send());
     on("again", async () => {
       this.standing = (await call("again", { scene: nameOrScene(this.scene) })).standing;
       await this.prepare();
@@ -58,29 +69,13 @@ class PlayPage {
     board.onpointerleave = () => game.hover(null);
     byId("left").onchange = byId("right").onchange = () => this.attempt(() => this.loadDeck());
 
-    for (const tool of document.querySelectorAll("[data-tool]")) tool.onclick = () => editor.use(tool.dataset.tool);
-    on("eli", () => editor.mark("eli"));
-    on("dynamic", () => editor.mark("dynamic"));
-    on("turn-left", () => editor.reshape(-5, 1));
-    on("turn-right", () => editor.reshape(5, 1));
-    on("longer", () => editor.reshape(0, 1.1));
-    on("shorter", () => editor.reshape(0, 1 / 1.1));
-    on("undo", () => editor.undo());
-    on("redo", () => editor.redo());
-    on("clear", () => editor.open(EMPTY_SCENE()));
-    on("copy", () => editor.open(this.scene));
+    this.drawing.wire(on, (act) => this.attempt(act));
+    on("copy", () => editor.open(this.scene || EMPTY_SCENE()));
     on("run", () => this.runScene());
-    on("save", () => this.saveScene());
-    byId("scene-name").onchange = (event) => editor.rename(event.target.value);
-    byId("load").onchange = (event) => this.attempt(() => this.loadScene(event.target));
-    const sketch = editor.stage.canvas;
-    sketch.onpointerdown = (event) => {
-      sketch.setPointerCapture(event.pointerId);
-      editor.press(editor.stage.pointOf(event), event.altKey);
-    };
-    sketch.onpointermove = (event) => editor.move(editor.stage.pointOf(event), event.altKey);
-    sketch.onpointerup = sketch.onpointercancel = () => editor.release();
-    document.addEventListener("keydown", (event) => this.attempt(() => this.key(event)));
+    document.addEventListener("keydown", (event) => {
+      const act = this.key(event);
+      if (act) this.attempt(act); // other keys leave an error message where it is
+    });
   }
 
   /** Do something, and show an error if it fails. */
@@ -105,7 +100,11 @@ class PlayPage {
     this.game.away = name !== "play";
     if (byId("status").textContent === NOBODY) byId("status").textContent = "";
     if (name === "compare") return this.compare();
-    if (name === "edit") return void (this.editor.past.length ? this.editor.draw() : this.editor.open(this.scene));
+    if (name === "edit") {
+      if (this.editor.past.length) this.editor.draw();
+      else this.editor.open(this.scene || EMPTY_SCENE());
+      return undefined;
+    }
     return void this.game.draw();
   }
 
@@ -117,24 +116,32 @@ class PlayPage {
 
   /** Take the chosen game. */
   async choose() {
-    await this.take(this.scenes[Number(byId("game").value)]);
+    const { value } = byId("game");
+    await this.take(this.scenes[Number(value)], value);
     if (this.shown === "compare") await this.compare();
   }
 
-  /** Take a scene: the name of a game or the contents of a scene. */
-  async take(wanted) {
+  /** Take a scene: the name of a game or the contents of a scene; place: its value in the list of games, or "". */
+  async take(wanted, place) {
     const turn = (this.turns = (this.turns || 0) + 1);
-    byId("status").textContent = "Preparing the simulator. The first time takes a few seconds …";
+    byId("status").textContent = PREPARING;
     document.documentElement.dataset.ready = "";
-    const answer = await call("game", { scene: wanted.known || wanted });
-    if (turn !== this.turns) return;
-    byId("status").textContent = "";
-    this.scene = { ...answer.scene, known: typeof wanted === "string" ? wanted : undefined };
-    this.untouched = answer.play;
-    this.standing = answer.standing;
-    this.answer = answer;
-    await this.prepare();
-    document.documentElement.dataset.ready = this.scene.name;
+    try {
+      const answer = await call("game", { scene: wanted });
+      if (turn !== this.turns) return;
+      byId("status").textContent = "";
+      this.scene = { ...answer.scene, known: typeof wanted === "string" ? wanted : undefined };
+      this.place = place;
+      this.untouched = answer.play;
+      this.standing = answer.standing;
+      this.answer = answer;
+      await this.prepare();
+    } finally {
+      if (turn === this.turns) {
+        byId("game").value = this.place ?? ""; // also if another one was refused
+        document.documentElement.dataset.ready = this.scene ? this.scene.name : "";
+      }
+    }
   }
 
   /** Prepare the next attempt. */
@@ -146,22 +153,32 @@ class PlayPage {
     this.showScores();
   }
 
-  /** The game is over: let the server compute and save the score. */
-  ended({ plan }) {
-    return this.attempt(async () => {
-      const scene = this.scene;
-      if (!this.standing.left) return void (byId("result").textContent = "Not counted: all attempts are used");
-      const answer = await call("attempt", { scene: nameOrScene(scene), plan });
-      if (scene !== this.scene) return;
-      this.standing = answer.standing;
-      const { play } = answer;
+  /** The server has counted an attempt. */
+  counted({ scene }, { play, standing }) {
+    if (!this.isShown(scene)) return;
+    this.standing = standing;
+    if (this.game.state === "over") {
       byId("result").textContent = `${play.solved ? "Solved" : "Not solved"}: ${points(play.reward)}`;
       byId("result").className = `big ${play.solved ? "solved" : "failed"}`;
       byId("result").dataset.plan = JSON.stringify(play.plan);
       byId("result").dataset.reward = play.reward;
       byId("compare-now").hidden = false;
-      this.showScores();
-    });
+    }
+    this.showScores();
+  }
+
+  /** The server does not count an attempt: perhaps those of another tab have used all. */
+  async refused({ scene }, error) {
+    if (!this.isShown(scene)) return;
+    byId("result").textContent = `Not counted: ${error.message}`;
+    const { standing } = await call("game", { scene: nameOrScene(scene) });
+    if (!this.isShown(scene)) return;
+    this.standing = standing;
+    this.showScores();
+  }
+
+  isShown(scene) {
+    return JSON.stringify(scene) === JSON.stringify(this.scene);
   }
 
   /** Show time and buttons. */
@@ -170,9 +187,13 @@ class PlayPage {
     if (game.state === "empty") return;
     byId("time").textContent = seconds(game.shown / game.tape.fps);
     byId("start").textContent = game.state === "over" ? "Try again" : "Start";
-    const used = game.state === "over" && !this.standing.left;
-    byId("start").disabled = game.state === "running" || game.state === "waiting" || used;
+    const unsaved = this.attempts.unsaved.length;
+    const waits = game.state === "over" && (this.attempts.sending || !this.standing.left);
+    byId("start").disabled = game.playing || waits;
     byId("finish").disabled = game.state !== "running";
+    byId("resend").hidden = !unsaved;
+    byId("resend").disabled = this.attempts.sending;
+    byId("resend").textContent = unsaved > 1 ? `Save these ${unsaved} attempts again` : "Save this attempt again";
   }
 
   showScores() {
@@ -183,7 +204,7 @@ class PlayPage {
     byId("standing").textContent = rewards ? `${left}; so far ${rewards}` : left;
     byId("again").hidden = standing.left > 0;
     this.showState();
-    const rows = [["your best", standing.best, true]];
+    const rows = [["best of these attempts", standing.best, true]];
     if (figures.human !== undefined) rows.push(["people: mean of the best of five attempts (paper)", figures.human]);
     if (figures.oracle_split !== undefined) rows.push([`oracle: mean over ${figures.split} (paper)`, figures.oracle_split]);
     if (best) rows.push(["best known plan", best.reward]);
@@ -196,11 +217,11 @@ class PlayPage {
   /** Plays of this scene: own attempts, the best known plan, agents. */
   async compare() {
     const scene = this.scene;
-    const plays = await call("agents", { scene: nameOrScene(scene) });
+    if (!scene) return;
+    const { plays, failed } = await call("agents", { scene: nameOrScene(scene) });
     if (scene !== this.scene || this.shown !== "compare") return; // the user has chosen something else
-    this.plays = plays;
-    const label = (play) => `${play.agent} · ${points(play.reward)} · ${play.fps} steps/s`;
-    const option = (play, i) => make("option", { value: i, textContent: label(play) });
+    this.plays = numbered(plays);
+    const option = (play, i) => make("option", { value: i, textContent: labelOf(play) });
     const mine = this.plays.findLastIndex((play) => play.own);
     const other = this.plays.findIndex((play) => !play.own);
     byId("left").replaceChildren(...this.plays.map(option));
@@ -209,99 +230,40 @@ class PlayPage {
     byId("right").value = mine >= 0 && other >= 0 ? other : "";
     if (!this.plays.length) byId("status").textContent = NOBODY;
     await this.loadDeck();
+    if (failed.length) throw new Error(failed.join("; "));
   }
 
   async loadDeck() {
     const chosen = [byId("left").value, byId("right").value].filter((value) => value !== "");
     const plays = chosen.map((value) => this.plays[Number(value)]);
-    await this.deck.load(plays.map((play) => ({ title: play.agent, play, scene: this.scene })));
-  }
-
-  showScene(scene) {
-    const { editor } = this;
-    if (document.activeElement !== byId("scene-name")) byId("scene-name").value = scene.name;
-    for (const tool of document.querySelectorAll("[data-tool]")) {
-      tool.setAttribute("aria-pressed", tool.dataset.tool === editor.tool);
-    }
-    const bar = editor.selected !== null && editor.selected < scene.block.length ? editor.selected : null;
-    for (const id of ["eli", "dynamic", "turn-left", "turn-right", "longer", "shorter"]) byId(id).disabled = bar === null;
-    for (const id of ["eli", "dynamic"]) byId(id).setAttribute("aria-pressed", bar !== null && Boolean(scene[id][bar]));
-    byId("undo").disabled = !editor.past.length;
-    byId("redo").disabled = !editor.future.length;
-  }
-
-  showCheck({ problems, warnings, file }) {
-    const items = (lines) => lines.map((textContent) => make("li", { textContent }));
-    byId("verdict").textContent = file ? "The scene is valid" : "The scene is not valid yet";
-    byId("problems").replaceChildren(...items(problems));
-    byId("warnings").replaceChildren(...items(warnings));
-    byId("run").disabled = byId("save").disabled = !file;
+    await this.deck.load(plays.map((play) => ({ title: play.title, play, scene: this.scene })));
   }
 
   /** Play the scene in the editor. */
   async runScene() {
-    await this.take(structuredClone(this.editor.scene));
-    byId("game").selectedIndex = -1; // it is not in the list
+    await this.take(structuredClone(this.editor.scene), "");
     await this.mode("play");
   }
 
-  saveScene() {
-    const link = make("a", { download: `${this.editor.scene.name.replace(/[^\w-]+/g, "_").slice(0, 60) || "scene"}.json` });
-    link.href = URL.createObjectURL(new Blob([this.editor.answer.file], { type: "application/json" }));
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  }
-
-  async loadScene(input) {
-    const file = input.files[0];
-    input.value = "";
-    if (!file) return;
-    if (file.size > 50000) throw new Error(`${file.name}: expected a scene file of at most 50000 bytes`);
-    let scene;
-    try {
-      scene = JSON.parse(await file.text());
-    } catch (error) {
-      throw new Error(`${file.name}: expected JSON: ${error.message}`);
-    }
-    const { problems } = await call("check", { scene });
-    if (problems.length) throw new Error(`${file.name}: ${problems.join("; ")}`);
-    this.editor.selected = null;
-    this.editor.open(scene);
-  }
-
+  /** Return what a key does; undefined for the keys of the browser. */
   key(event) {
     if (this.shown === "compare") return void this.deck.key(event);
     if (event.target.closest("select, input")) return undefined;
-    if (this.shown === "play") {
-      if (hasModifier(event)) return undefined;
-      if (event.key === " " && this.game.state === "ready" && !event.target.closest("button")) {
-        event.preventDefault();
-        this.game.start();
-      }
-      // 1 to 6 remove the blocks in the order of the plan, for people who do not use a pointer.
-      if (/^[1-6]$/.test(event.key) && this.game.state === "running") {
-        return this.game.remove(this.game.blocks[Number(event.key) - 1]);
-      }
-      return undefined;
-    }
-    const { editor } = this;
-    if ((event.ctrlKey || event.metaKey) && event.key === "z") editor.undo();
-    else if ((event.ctrlKey || event.metaKey) && event.key === "y") editor.redo();
-    else if (hasModifier(event)) return undefined;
-    const tools = { v: "select", b: "bar", o: "ball", j: "joint", k: "spring", x: "delete" };
-    const acts = {
-      e: () => editor.mark("eli"),
-      m: () => editor.mark("dynamic"),
-      "[": () => editor.reshape(-5, 1),
-      "]": () => editor.reshape(5, 1),
-      Delete: () => editor.delete(),
-      Backspace: () => editor.delete(),
-    };
-    if (event.ctrlKey || event.metaKey) return undefined;
-    if (tools[event.key]) editor.use(tools[event.key]);
-    else if (acts[event.key]) acts[event.key]();
-    return undefined;
+    return this.shown === "play" ? this.playKey(event) : this.drawing.key(event);
   }
+
+  playKey(event) {
+    const { game } = this;
+    if (hasModifier(event)) return undefined;
+    if (event.key === " " && !event.target.closest("button, summary")) {
+      if (game.playing || game.state === "ready") event.preventDefault(); // else it scrolls the page
+      return game.state === "ready" ? () => game.start() : undefined;
+    }
+    // The digits remove the blocks in the order of the plan, for people who do not use a pointer.
+    const block = /^[0-9]$/.test(event.key) && game.playing ? game.blocks[(Number(event.key) + 9) % 10] : undefined;
+    return block === undefined ? undefined : () => game.remove(block);
+  }
+
 }
 
 /** A row of a table of scores. */
@@ -314,7 +276,7 @@ function row(who, value, own = false) {
   try {
     const page = new PlayPage(await call("start"));
     page.shown = "play";
-    byId("keys").textContent = "Keys: space starts the game; 1 to 6 remove the blocks in order.";
+    byId("keys").textContent = "Keys: space starts the game; 1 to 9, then 0, remove the blocks in order.";
     await page.attempt(() => page.choose());
   } catch (error) {
     byId("error").textContent = error.message;

@@ -10,28 +10,23 @@ function startReplay(data) {
   const look = new Look(data.themes, byId("look"), () => deck && deck.show());
   deck = new Deck(byId("deck"), () => look.colours);
 
-  const playsOf = (scene) => data.plays.filter((play) => play.scene === scene);
+  const plays = data.scenes.flatMap((_, scene) => numbered(data.plays.filter((play) => play.scene === scene)));
   const option = (value, textContent) => make("option", { value, textContent });
   const [games, left, right] = ["game", "left", "right"].map(byId);
   games.append(...data.scenes.map((scene, i) => option(i, scene.name)));
 
-  const label = (play) => {
-    const same = playsOf(play.scene).filter((other) => other.agent === play.agent);
-    const number = same.length > 1 ? ` #${same.indexOf(play) + 1}` : "";
-    return `${play.agent}${number} · ${points(play.reward)}`;
-  };
-
   const fill = () => {
-    const plays = playsOf(Number(games.value));
-    left.replaceChildren(...plays.map((play) => option(data.plays.indexOf(play), label(play))));
-    right.replaceChildren(option("", "nobody"), ...plays.map((play) => option(data.plays.indexOf(play), label(play))));
-    if (plays.length > 1 && plays.length < 4) right.value = data.plays.indexOf(plays[1]);
+    const here = plays.flatMap((play, i) => (play.scene === Number(games.value) ? [i] : []));
+    const options = () => here.map((i) => option(i, labelOf(plays[i])));
+    left.replaceChildren(...options());
+    right.replaceChildren(option("", "nobody"), ...options());
+    if (here.length > 1 && here.length < 4) right.value = here[1];
     return load();
   };
 
   const load = async () => {
-    const chosen = [left.value, right.value].filter((value) => value !== "").map((value) => data.plays[Number(value)]);
-    await deck.load(chosen.map((play) => ({ title: play.agent, play, scene: data.scenes[play.scene] })));
+    const chosen = [left.value, right.value].filter((value) => value !== "").map((value) => plays[Number(value)]);
+    await deck.load(chosen.map((play) => ({ title: play.title, play, scene: data.scenes[play.scene] })));
     document.documentElement.dataset.ready = games.value;
   };
 

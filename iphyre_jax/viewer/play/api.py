@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import iphyre_jax
@@ -12,7 +12,6 @@ from iphyre_jax.paper import paper_numbers, paper_rewards
 from iphyre_jax.rules import NEVER, TIME_LIMIT
 from iphyre_jax.scenes import SPLITS, Scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.errors import raise_problems
-from iphyre_jax.scenes.files import scene_text
 from iphyre_jax.scenes.geometry import scene_warnings
 from iphyre_jax.scenes.library import is_game
 from iphyre_jax.viewer import themes
@@ -26,6 +25,7 @@ from iphyre_jax.viewer.recording import Recording
 
 FPS: Final = 60  # the frame rate at which people play in the paper
 MOST_TIED: Final = 100  # moving objects x ties; 96 compiled in 26 s on a busy machine, 200 not in 90 s of a core
+MOST_MOVING: Final = 9  # moving objects; ten untied ones compiled in 82 s on a busy machine
 
 Fields = Mapping[str, Any]
 
@@ -124,20 +124,34 @@ class Api:
         return {"standing": self._session.begin_again(_read_scene(fields))}
 
     def _agents_and_attempts(self, fields: Fields) -> object:
-        """Return plays of a scene by others, and the attempts of the person."""
+        """Return plays of a scene by others, and the attempts of the person; a line for each reason why some fail."""
         scene = _read_scene(fields)
         others = [(play, False) for play in self._agents if play.scene == scene]
         own = [(play, True) for play in self._session.attempts(scene)]
-        return [{"agent": play.agent, "own": mine, **pack_play(self._record(play))} for play, mine in others + own]
+        plays: list[dict[str, object]] = []
+        failed: dict[str, set[str]] = {}  # why -> whose plays
+        refused: dict[tuple[int, str], str] = {}  # such a program is asked for once: it may take a minute
+        for play, mine in others + own:
+            why = refused.get((play.fps, play.dtype))
+            try:
+                if why is None:
+                    plays.append({"agent": play.agent, "own": mine, **pack_play(self._record(play))})
+            except RefusedError as error:
+                why = refused[play.fps, play.dtype] = str(error)
+            except ValueError as error:
+                why = str(error)
+            if why is not None:
+                failed.setdefault(why, set()).add(play.agent)
+        return {"plays": plays, "failed": [f"not shown: {_listed(names)}: {why}" for why, names in failed.items()]}
 
     def _check(self, fields: Fields) -> object:
-        """Return what is wrong with a scene, what is unusual, and its file if nothing is wrong."""
+        """Return what is wrong with a scene, and what is unusual if nothing is wrong."""
         try:
             scene = scene_from_dict(fields["scene"], "")
         except ValueError as error:
             lines = [line.removeprefix(": ") for line in str(error).split("\n")]
-            return {"problems": lines, "warnings": [], "file": None}
-        return {"problems": [], "warnings": [*scene_warnings(scene), *_size_warnings(scene)], "file": scene_text(scene)}
+            return {"problems": lines, "warnings": []}
+        return {"problems": [], "warnings": [*scene_warnings(scene), *_size_warnings(scene)]}
 
     def _record(self, play: Play) -> Recording:
         return self.simulator.record(play, is_game=is_game(play.scene))
@@ -146,9 +160,15 @@ class Api:
 def _size_warnings(scene: Scene) -> list[str]:
     """Say whether the simulator may refuse a scene, whose preparation is ended after a while."""
     moving, ties = int(scene.dynamic.sum()), len(scene.joints) + len(scene.springs)
-    if moving * ties <= MOST_TIED:
+    if moving * ties <= MOST_TIED and moving <= MOST_MOVING:
         return []
-    return [f"{ties} joints and springs, {moving} moving objects: this scene may be too large to be played here"]
+    counts = f"{ties} joints and springs, {moving} moving objects"
+    return [f"{counts}: preparing this scene takes minutes, and may take too long to be played here"]
+
+
+def _listed(agents: Iterable[str], most: int = 5) -> str:
+    names = sorted(agents)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _own_play(scene: Scene, plan: Sequence[int]) -> Play:

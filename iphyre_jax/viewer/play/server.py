@@ -33,7 +33,10 @@ STRANGERS: Final = 8  # refusals at once; each takes less than a millisecond
 REQUEST_SECONDS: Final = 10.0  # s, for a request to arrive, and again for the answer to be sent
 
 _CONTENT_TYPES: Final = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-SCRIPTS: Final = ("tape.js", "stage.js", "clock.js", "deck.js", "client.js", "game.js", "editor.js", "play.js")
+SCRIPTS: Final = (
+    *("tape.js", "stage.js", "clock.js", "deck.js", "client.js", "game.js", "attempts.js"),
+    *("check.js", "editor.js", "drawing.js", "play.js"),
+)
 FILES: Final = (*SCRIPTS, "style.css")
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "

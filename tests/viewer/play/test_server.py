@@ -15,12 +15,15 @@ from typing import Any
 import pytest
 
 from iphyre_jax import SceneBuilder, load_scene, simulate
-from iphyre_jax.scenes import read_scene, scene_to_dict
+from iphyre_jax.scenes import scene_to_dict
 from iphyre_jax.viewer.play import reception
 from iphyre_jax.viewer.play.api import Api
+from iphyre_jax.viewer.play.guard import RefusedError
 from iphyre_jax.viewer.play.server import CONNECTIONS, FILES, PlayServer
 from iphyre_jax.viewer.play.session import Session
-from iphyre_jax.viewer.plays import read_plays
+from iphyre_jax.viewer.plays import Play, read_plays
+from iphyre_jax.viewer.recording import Recording
+from iphyre_jax.viewer.sheets import start_of
 
 TOKEN = "a-token"  # noqa: S105 - of this test's own server
 PLAN = [-1, -1, 83, 32]
@@ -112,18 +115,46 @@ def test_an_attempt_is_scored_as_simulate_does_and_saved(server: PlayServer, tmp
     line = json.loads((tmp_path / "attempts.jsonl").read_text("utf-8").splitlines()[-1])
     assert (line["facts"]["series"], line["facts"]["attempt"]) == (2, 1)
     assert {"iphyre_jax", "jax", "numpy"} <= set(line["facts"]["versions"])
-    agents = ask(server, "api/agents", {"scene": "hole"})[1]
-    assert [play["agent"] for play in agents] == ["best plan known", "attempt 1"]
+    answer = ask(server, "api/agents", {"scene": "hole"})[1]
+    assert [play["agent"] for play in answer["plays"]] == ["best plan known", "attempt 1"]
+    assert answer["failed"] == []
 
 
-def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer, tmp_path: Path) -> None:
+class FakeSimulator:
+    """A simulator that refuses some plays and shows the start of others."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def record(self, play: Play, *, is_game: bool) -> Recording:
+        self.asked.append(play.agent)
+        if play.agent == "wrong":
+            raise ValueError("plan: expected another")
+        if play.fps == 10:
+            raise RefusedError(503, "the simulator is busy")
+        return start_of(play.scene)
+
+
+def test_plays_that_fail_do_not_hide_the_others() -> None:
+    scene, simulator = load_scene("hole"), FakeSimulator()
+    agents = [
+        Play(agent, scene, (-1,) * 4, fps) for agent, fps in (("wrong", 60), ("slow", 10), ("late", 10), ("a", 60))
+    ]
+    session = Session(None)
+    session.add(start_of(scene))
+    answer: Any = Api(session, agents, simulator=simulator).call("api/agents", b'{"scene": "hole"}')  # type: ignore[arg-type]
+    assert [play["agent"] for play in answer["plays"]] == ["best plan known", "a", "attempt 1"]
+    assert answer["failed"] == [
+        "not shown: wrong: plan: expected another",
+        "not shown: late, slow: the simulator is busy",
+    ]
+    assert "late" not in simulator.asked  # its program was refused a moment ago
+
+
+def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer) -> None:
     scene = scene_to_dict(load_scene("hole"))
-    answer = ask(server, "api/check", {"scene": scene})[1]
-    assert answer["problems"] == []
-    (tmp_path / "saved.json").write_text(answer["file"], "utf-8")
-    assert read_scene(tmp_path / "saved.json") == load_scene("hole")
+    assert ask(server, "api/check", {"scene": scene})[1]["problems"] == []
     answer = ask(server, "api/check", {"scene": {**scene, "eli": [1] * 7, "name": ""}})[1]
-    assert answer["file"] is None
     assert [line.partition(":")[0] for line in answer["problems"]] == ["name"]
     answer = ask(server, "api/check", {"scene": {**scene, "eli": [1] * 7}})[1]
     assert [line.partition(":")[0] for line in answer["problems"]] == ["eli[6]", "eli"]
@@ -131,22 +162,22 @@ def test_the_editor_gets_the_errors_of_the_validator(server: PlayServer, tmp_pat
 
 
 def test_the_editor_says_that_a_scene_may_be_too_large(server: PlayServer) -> None:
-    balls, pairs = range(10), [[i, j] for i in range(10) for j in range(i)]
-    scene = {
-        "schema": "iphyre_jax/scene",
-        "version": 1,
-        "name": "tied",
-        "block": [],
-        "ball": [[50 + 50 * k, 100, 10] for k in balls],
-        "eli": [0] * 10,
-        "dynamic": [1] * 10,
-    }
-    said = "joints and springs, 10 moving objects: this scene may be too large to be played here"
-    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:11]}})[1]
-    assert answer["problems"] == []
-    assert f"11 {said}" in answer["warnings"]
-    answer = ask(server, "api/check", {"scene": {**scene, "spring": pairs[:10]}})[1]
-    assert not any(said in line for line in answer["warnings"])
+    pairs = [[i, j] for i in range(9) for j in range(i)]
+    for balls, springs, warned in ((9, 11, False), (9, 12, True), (10, 0, True)):
+        scene = {
+            "schema": "iphyre_jax/scene",
+            "version": 1,
+            "name": "tied",
+            "block": [],
+            "ball": [[50 + 50 * k, 100, 10] for k in range(balls)],
+            "eli": [0] * balls,
+            "dynamic": [1] * balls,
+            "spring": pairs[:springs],
+        }
+        said = f"{springs} joints and springs, {balls} moving objects: preparing this scene takes minutes"
+        answer = ask(server, "api/check", {"scene": scene})[1]
+        assert answer["problems"] == []
+        assert any(line.startswith(said) for line in answer["warnings"]) == warned
 
 
 def test_names_of_scenes_reach_the_page_as_json_only(tmp_path: Path) -> None:
