@@ -11,7 +11,6 @@ from typing import Any, Final
 import jax
 
 from benchmarks.learning.carry_over_rows import Ranking
-from benchmarks.learning.on_the_fly import preferring
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.metrics import best_reward, solved_curve
 from iphyre_jax.attempts.policy_tries import PolicyTries
@@ -21,7 +20,7 @@ from iphyre_jax.models.outcome.agent import judge_of
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.storage import OutcomeClassifier
 from iphyre_jax.scenes import GAMES, SPLITS, Scene
-from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.base import State, preferring
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import rollout_collector
 from iphyre_jax.train.settings.run import TrainConfig

@@ -11,8 +11,9 @@ games has the scores that ship with the weights; with --test these are written a
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -26,9 +27,9 @@ from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import SPLITS, Scene
 from iphyre_jax.scenes.library import ALL_GAMES
-from iphyre_jax.train.algos.base import without_value
+from iphyre_jax.train.algos.base import preferring
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import PolicyFn, PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import PolicyFn, rollout_collector
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
 from iphyre_jax.train.reports.statistics import Summary
@@ -86,9 +87,7 @@ def _means(policy: Pretrained, scenes: Sequence[str | Scene]) -> tuple[float, fl
     """Mean rewards of the mode, of the median and of sampled actions."""
     agent = algorithm(policy.config)
 
-    def sampled(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-        return agent.sample_action(policy.state, key, obs, num_samples)
-
+    sampled = partial(agent.sample_action, policy.state)
     rollout = rollout_collector(policy.config, scenes)
 
     def mean(chosen: PolicyFn, episodes: int) -> float:
@@ -96,17 +95,6 @@ def _means(policy: Pretrained, scenes: Sequence[str | Scene]) -> tuple[float, fl
 
     mode, median = preferring(policy.greedy), preferring(agent.greedy_policy(policy.state))
     return mean(mode, 1), mean(median, 1), mean(sampled, SAMPLES)
-
-
-def preferring(greedy: Callable[[jax.Array], jax.Array]) -> PolicyFn:
-    """A policy of preferred actions, one for each observation."""
-
-    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-        del key, num_samples
-        action = greedy(obs)
-        return without_value(action, action)
-
-    return policy
 
 
 def _intro(policy: Pretrained) -> str:

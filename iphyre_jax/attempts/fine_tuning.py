@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.attempts.policies import attempts_of
@@ -20,9 +20,9 @@ from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, show, whole_f
 from iphyre_jax.envs.arguments import key_of
 from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scene
 from iphyre_jax.train.algos.actor_critic import State
-from iphyre_jax.train.algos.base import Algorithm
+from iphyre_jax.train.algos.base import Algorithm, preferring
 from iphyre_jax.train.algos.registry import algorithm, init
-from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import EpisodeStats, rollout_collector
 from iphyre_jax.train.settings.agents import A2C, PPO
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -107,20 +107,10 @@ class FineTuned:
         if self.pretrained is not None:
             state = state._replace(params={**state.params, "policy": self.pretrained.params["policy"]})
         rollout = rollout_collector(config, [scene])
-
-        def greedy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-            sampled = agent.sample_action(state, key, obs, num_samples)
-            return sampled._replace(action=jnp.repeat(agent.greedy(state, obs), num_samples, axis=0))
-
-        played = [rollout.collect(greedy, key, 1)[1]]
+        played = [rollout.collect(preferring(partial(agent.greedy, state)), key, 1)[1]]
         for number in range(-(-(k - 1) // self.batch)):
             play_key, learn_key = jax.random.split(jax.random.fold_in(key, number))
-            current = state
-
-            def sample(key: jax.Array, obs: jax.Array, num_samples: int, now: State = current) -> PolicyOutput:
-                return agent.sample_action(now, key, obs, num_samples)
-
-            trajectory, stats = rollout.collect(sample, play_key, self.batch)
+            trajectory, stats = rollout.collect(partial(agent.sample_action, state), play_key, self.batch)
             played.append(stats)
             state, _ = agent.learn(state, learn_key, trajectory, 1)
         return EpisodeStats(*(np.concatenate(column)[:k] for column in zip(*played, strict=True)))

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
 from iphyre_jax.envs.arguments import key_of
 from iphyre_jax.scenes import GAMES
-from iphyre_jax.train.algos.base import State
+from iphyre_jax.train.algos.base import State, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import EpisodeStats, PolicyFn, rollout_collector
 from iphyre_jax.train.settings.run import TrainConfig
 
 
@@ -51,17 +50,9 @@ def policy_attempts(
     check_whole("seed", seed, 0, MAX_SEED)
     played = replace(config, fps=whole_fps(fps), resets=check_resets(resets))
     agent = algorithm(played)
-    greedy = agent.greedy_policy(learner)
-    is_first = np.arange(len(games) * tries) % k == 0
-
-    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-        sampled = agent.sample_action(learner, key, obs, num_samples)
-        if not greedy_first:
-            return sampled
-        best = jnp.repeat(greedy(obs), num_samples, axis=0)
-        chosen = jnp.asarray(is_first.reshape(-1, *(1,) * (best.ndim - 1)))
-        return sampled._replace(action=jnp.where(chosen, best, sampled.action))
-
+    policy: PolicyFn = partial(agent.sample_action, learner)
+    if greedy_first:
+        policy = preferring_where(np.arange(len(games) * tries) % k == 0, agent.greedy_policy(learner), policy)
     stats = rollout_collector(played, games).collect(policy, key_of(seed), tries)[1]
     return attempts_of(stats, games, runs, k)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,9 +15,9 @@ from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.scenes.library import SPLIT_OF
-from iphyre_jax.train.algos.base import State, not_finite
+from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
-from iphyre_jax.train.collect import EpisodeStats, PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import EpisodeStats, rollout_collector
 from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -104,15 +105,8 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
     if name := not_finite(algorithm(config).inference_state(learner)):
         raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
     agent, episodes = algorithm(config), 1 + config.sampled_episodes
-    greedy = agent.greedy_policy(learner)
     first = np.arange(len(games) * episodes) % episodes == 0
-
-    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-        sampled = agent.sample_action(learner, key, obs, num_samples)
-        best = jnp.repeat(greedy(obs), num_samples, axis=0)
-        is_greedy = jnp.asarray(first.reshape(-1, *(1,) * (best.ndim - 1)))
-        return sampled._replace(action=jnp.where(is_greedy, best, sampled.action))
-
+    policy = preferring_where(first, agent.greedy_policy(learner), partial(agent.sample_action, learner))
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
     stats = rollout_collector(config, games).collect(policy, key, episodes)[1]
     which, plans = np.repeat(np.arange(len(games)), episodes), _plans(config, learner, games)

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from iphyre_jax.train.algos.base import not_finite
+from iphyre_jax.train.algos.base import not_finite, preferring
 from iphyre_jax.train.algos.registry import algorithm, init
-from iphyre_jax.train.collect import PolicyOutput, rollout_collector
+from iphyre_jax.train.collect import rollout_collector
 from iphyre_jax.train.pool import draw_scenes, open_pool, recorded, start_curriculum
 from iphyre_jax.train.scenes import training_scenes
 from iphyre_jax.train.settings.run import TrainConfig
@@ -120,11 +120,5 @@ class Trainer:
 
     def greedy_reward(self) -> float:
         """Mean reward of the present policy's greedy episodes, one of each training game."""
-        learner = self.state.learner
-        greedy = self._algorithm.greedy_policy(learner)
-
-        def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
-            sampled = self._algorithm.sample_action(learner, key, obs, num_samples)
-            return sampled._replace(action=greedy(obs))
-
+        policy = preferring(self._algorithm.greedy_policy(self.state.learner))
         return float(self._games.collect(policy, jax.random.key(0), 1)[1].reward.mean())

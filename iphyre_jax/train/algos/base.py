@@ -10,11 +10,13 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
 import optax
 
 from iphyre_jax.train.algos.distributions import Head, action_head
 from iphyre_jax.train.algos.networks import Params, network
-from iphyre_jax.train.collect import PolicyOutput, Trajectory
+from iphyre_jax.train.collect import PolicyFn, PolicyOutput, Trajectory
 from iphyre_jax.train.hazard import Hazard, no_hazard
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -127,6 +129,31 @@ def without_value(action: jax.Array, raw_action: jax.Array) -> PolicyOutput:
     """The output of a policy whose learner needs neither log-probabilities nor values."""
     zero = jnp.zeros(action.shape[0], jnp.float32)
     return PolicyOutput(action, raw_action, zero, zero)
+
+
+def preferring(greedy: Callable[[jax.Array], jax.Array]) -> PolicyFn:
+    """A policy of preferred actions, those that `greedy` gives for observations (B, D)."""
+
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        del key
+        action = jnp.repeat(greedy(obs), num_samples, axis=0)
+        return without_value(action, action)
+
+    return policy
+
+
+def preferring_where(
+    chosen: npt.NDArray[np.bool_], greedy: Callable[[jax.Array], jax.Array], sample: PolicyFn
+) -> PolicyFn:
+    """A policy of sampled actions, and of preferred ones in the episodes (B,) that are chosen."""
+
+    def policy(key: jax.Array, obs: jax.Array, num_samples: int) -> PolicyOutput:
+        sampled = sample(key, obs, num_samples)
+        best = jnp.repeat(greedy(obs), num_samples, axis=0)
+        is_chosen = jnp.asarray(chosen.reshape(-1, *(1,) * (best.ndim - 1)))
+        return sampled._replace(action=jnp.where(is_chosen, best, sampled.action))
+
+    return policy
 
 
 def global_norm(tree: Params) -> jax.Array:
