@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.observations.official import COLUMNS, SceneFeatures, scene_features
+from iphyre_jax.observations.official import COLUMNS, object_rows, scene_features
 from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, NEVER
 from iphyre_jax.scenes import Scene
 
@@ -69,31 +69,11 @@ def _present(
 
 
 def _scene_tables(scene: Scene, poses: npt.NDArray[np.floating[Any]], present: Flags) -> Tables:
-    """Return the tables of one scene, (B, 150, 12, 9); `observations.official.object_rows` for many worlds at once."""
+    """Return the tables of one scene, (B, 150, 12, 9)."""
     features = scene_features(scene)
     movers = np.flatnonzero(scene.dynamic)
     position = np.broadcast_to(features.position, (*present.shape, 2)).copy()
     angle = np.zeros(present.shape)
     position[:, :, movers] = poses[:, :, : len(movers), :2]
     angle[:, :, movers] = poses[:, :, : len(movers), 2]
-    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    x = position[..., :1] + features.ends[..., 0] * cos - features.ends[..., 1] * sin
-    y = position[..., 1:] + features.ends[..., 0] * sin + features.ends[..., 1] * cos
-    constants = np.broadcast_to(features.constants, (*present.shape, features.constants.shape[1]))
-    ends = np.stack([x, y], axis=-1).reshape(*present.shape, 4)
-    rows = np.concatenate([ends, constants, _pair_numbers(features, present)], axis=-1)
-    return np.where(present[..., None], rows, 0.0)
-
-
-def _pair_numbers(features: SceneFeatures, present: Flags) -> Tables:
-    """Return the number of each object's last remaining joint and spring, (B, 150, 12, 2)."""
-    columns = []
-    for member in (features.joints, features.springs):
-        number = np.zeros(present.shape)
-        count = np.zeros(present.shape[:2])
-        for pair in member:
-            remains = np.asarray(present[:, :, pair].all(axis=-1))
-            count = count + remains
-            number = np.where(pair & remains[:, :, None], count[:, :, None], number)
-        columns.append(number)
-    return np.stack(columns, axis=-1)
+    return np.asarray(object_rows(features, position, angle, present), np.float64)

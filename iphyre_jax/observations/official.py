@@ -75,39 +75,40 @@ def _membership(pairs: Sequence[tuple[int, int]], size: int) -> npt.NDArray[np.b
 
 
 def object_rows(features: SceneFeatures, position: Floats, angle: Floats, alive: npt.NDArray[np.bool_]) -> Floats:
-    """Return the official table of a world, (12, 9), in px and before any scaling.
+    """Return the official table of a world, or of many, (..., 12, 9), in px and before any scaling.
 
     Columns 7 and 8 hold the number of the last joint and of the last spring that an object belongs to, or 0. Numbers
     start at 1 and count the pairs that are left.
 
     Args:
-        features: of the world's scene.
-        position: (12, 2) px, centres of the objects.
-        angle: (12,) rad.
-        alive: (12,) bool, False once removed.
+        features: of the worlds' scene.
+        position: (..., 12, 2) px, centres of the objects.
+        angle: (..., 12) rad.
+        alive: (..., 12) bool, False once removed.
     """
     present = alive & features.present
-    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
     ends = np.asarray(features.ends, position.dtype)
-    x = position[:, 0][:, None] + ends[:, :, 0] * cos - ends[:, :, 1] * sin
-    y = position[:, 1][:, None] + ends[:, :, 0] * sin + ends[:, :, 1] * cos
+    x = position[..., :1] + ends[..., 0] * cos - ends[..., 1] * sin
+    y = position[..., 1:] + ends[..., 0] * sin + ends[..., 1] * cos
+    constants = np.asarray(features.constants, position.dtype)
     columns = [
-        np.stack([x, y], axis=-1).reshape(-1, 4),
-        np.asarray(features.constants, position.dtype),
-        pair_number(features.joints, present).astype(position.dtype)[:, None],
-        pair_number(features.springs, present).astype(position.dtype)[:, None],
+        np.stack([x, y], axis=-1).reshape(*present.shape, 4),
+        np.broadcast_to(constants, (*present.shape, constants.shape[1])),
+        pair_number(features.joints, present).astype(position.dtype)[..., None],
+        pair_number(features.springs, present).astype(position.dtype)[..., None],
     ]
-    rows = np.concatenate(columns, axis=1)
-    return np.where(present[:, None], rows, np.zeros_like(rows))
+    rows = np.concatenate(columns, axis=-1)
+    return np.where(present[..., None], rows, np.zeros_like(rows))
 
 
 def pair_number(member: npt.NDArray[np.bool_], present: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
-    """Return the number of the last remaining pair of each object, (12,); a pair ends with either of its objects."""
+    """Return the number of each object's last remaining pair, (..., 12); a pair ends with either of its objects."""
     if not len(member):
         return np.zeros(present.shape, np.int32)
-    remains = np.asarray(~(member & ~present[None, :]).any(axis=1))
-    number = np.cumsum(remains.astype(np.int32), dtype=np.int32)[:, None]
-    return np.asarray(np.where(member & remains[:, None], number, np.zeros_like(number)).max(axis=0))
+    remains = np.asarray(~(member & ~present[..., None, :]).any(axis=-1))
+    number = np.cumsum(remains.astype(np.int32), axis=-1, dtype=np.int32)[..., None]
+    return np.asarray(np.where(member & remains[..., None], number, np.zeros_like(number)).max(axis=-2))
 
 
 def observation(
