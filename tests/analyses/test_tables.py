@@ -9,14 +9,16 @@ from rich.console import Console
 
 from iphyre_jax.analyses import attempts_rows, protocols, seeds
 from iphyre_jax.analyses.claims import claims
-from iphyre_jax.analyses.oracle import shipped
+from iphyre_jax.analyses.oracle import RATES, shipped
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.analyse import DOCUMENTS, Analyse, What
 from iphyre_jax.files import read_json_object, replace_json
+from iphyre_jax.kept_rows import read_row
 from iphyre_jax.scenes import GAMES
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 RUNS = RESULTS / "runs"
+ROWS = RESULTS / "analyses"
 
 
 def test_protocols_by_hand() -> None:
@@ -62,6 +64,21 @@ def test_claims_are_complete_and_judged() -> None:
 def test_published_documents_are_those_of_what_ships(what: What) -> None:
     written = (RESULTS / f"{what}.md").read_text("utf-8").split("\n## Origin")[0]
     assert DOCUMENTS[what](Analyse(runs=RUNS), Console(quiet=True)) == written
+
+
+def test_published_rows_are_those_of_what_ships() -> None:
+    """A row of another policy, or of other weights, has to be computed anew."""
+    for name in protocols.POLICIES:
+        read_row(ROWS / "protocols" / f"{name}.json", protocols.settings(name))
+    for fps in RATES:
+        for name, (settings, _) in attempts_rows.specifications(fps).items():
+            read_row(ROWS / f"attempts-{fps}fps" / f"{attempts_rows.file_stem(name)}.json", settings)
+
+
+@pytest.mark.parametrize("what", ["attempts", "protocols"])
+def test_published_documents_are_those_of_their_rows(what: What) -> None:
+    written = (RESULTS / f"{what}.md").read_text("utf-8").split("\n## Origin")[0]
+    assert DOCUMENTS[what](Analyse(rows=ROWS, written_only=True), Console(quiet=True)) == written
 
 
 def test_differences_are_over_seeds() -> None:
