@@ -67,8 +67,9 @@ def find(game: str, fps: int) -> Row:
 
 
 def known_plans(game: str, fps: int) -> list[list[int]]:
-    """Return plans from which a search also starts: at 60 the best one that ships, which a search found too."""
-    return [] if fps == DECISIONS_PER_SECOND else [shipped(fps)[game]["plan"]]
+    """Return plans from which a search also starts: the best one and the proofs that ship, which a search found too."""
+    row = shipped(fps)[game]
+    return [row["plan"], *(found["plan"] for found in row["orders"])]
 
 
 def run(folder: Path, fps: int, games: Sequence[str] = GAMES) -> dict[str, Row]:
