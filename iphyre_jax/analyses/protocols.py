@@ -82,9 +82,8 @@ def document(rows: Mapping[str, Row]) -> str:
     parts = [
         "# Protocol",
         "Written by `iphyre-jax analyse protocols`. One fixed policy, the best of five seeds on the basic games and "
-        "their unseen layouts, and five protocols: mean reward "
-        "over the forty games and, after ±, the standard deviation of "
-        "what a single use of the protocol reports. Rates never share a table.",
+        "their unseen layouts, and five protocols: mean reward over the forty games and, after ±, the standard "
+        "deviation of what a single use of the protocol reports. Rates never share a table.",
     ]
     for fps in sorted({int(row["fps"]) for row in rows.values()}):
         chosen = {name: row for name, row in rows.items() if row["fps"] == fps}
