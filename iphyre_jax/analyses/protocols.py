@@ -86,7 +86,7 @@ def document(rows: Mapping[str, Row]) -> str:
         "deviation of what a single use of the protocol reports. Rates never share a table.",
     ]
     for fps in sorted({int(row["fps"]) for row in rows.values()}):
-        chosen = {name: row for name, row in rows.items() if row["fps"] == fps}
+        chosen = {name: rows[name] for name in POLICIES if name in rows and rows[name]["fps"] == fps}
         first = next(iter(chosen.values()))
         cells = [[title, *(_cell(row["protocols"][title]) for row in chosen.values())] for title in first["protocols"]]
         parts.append(f"## {fps} steps a second, reset {first['resets']}, {first['dtype']}")
