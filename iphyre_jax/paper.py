@@ -17,7 +17,7 @@ def paper_numbers() -> Mapping[str, Any]:
 
     `agents`: name -> split -> [reward, success in %]; `per_game`: game -> name -> reward; `unseen_basic`: name ->
     rewards on both sets of layouts; `classifiers`: accuracies in % by split; `language_model`: rewards by split;
-    `failures_by_timing`: in %; `source` and `protocol`: words.
+    `failures_by_timing`: in %; `source` and `protocol`: words on the first two, `source_of_the_rest` on the others.
     """
     numbers: Mapping[str, Any] = json.loads(files(__package__).joinpath("paper.json").read_text("utf-8"))
     return numbers
