@@ -22,7 +22,7 @@ def tables(file: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("table", "seeds"), [("default", 5), ("paper", 1), ("controllers", 3)])
+@pytest.mark.parametrize(("table", "seeds"), [("default", 5), ("paper", 5), ("controllers", 3)])
 def test_documents_of_agents(table: TableName, seeds: int, tmp_path: Path) -> None:
     arguments = agents.Arguments(out=tmp_path, table=table, seeds=seeds)
     arguments.published.symlink_to(RESULTS / "runs")
