@@ -208,7 +208,7 @@ def _failures(policies: Sequence[Policy], oracle: Mapping[str, Row]) -> Claim:
         return Claim(text, figure, "open")
     return Claim(
         text,
-        f"{figure}: {100 * found.value:.0f} % [{100 * found.low:.0f}, {100 * found.high:.0f}]",
+        f"{figure}: {100 * found.value:.0f} % {found.bounds(scale=100)}",
         _holds(not others),
     )
 

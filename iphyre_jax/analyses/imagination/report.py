@@ -224,4 +224,4 @@ def _rank(values: Mapping[str, float], wanted: Mapping[str, float]) -> str:
 
 
 def _test(test: Test) -> tuple[str, str]:
-    return str(test.rank), f"{test.error.value:.0f} [{test.error.low:.0f}, {test.error.high:.0f}]"
+    return str(test.rank), f"{test.error.value:.0f} {test.error.bounds()}"

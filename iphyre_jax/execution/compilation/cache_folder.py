@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import math
 import os
 import platform
 import re
@@ -117,7 +116,7 @@ def claimed(path: Path) -> Iterator[bool]:
         yield is_ours
 
 
-def wait_for_claim(path: Path, until: float = math.inf, show: Callable[[], None] = lambda: None) -> bool:
+def wait_for_claim(path: Path, until: float, show: Callable[[], None]) -> bool:
     """Wait until no other process claims an entry, and return whether that came; an interrupt ends the wait.
 
     Args:

@@ -106,23 +106,22 @@ def _load_all(programs: Sequence[Program], folder: Path) -> None:
     """Load programs. One process compiles a missing program, while others that need it wait."""
     entries = {program: _entry(program, folder) for program in programs}
     left = [program for program in programs if not _load(program, *entries[program])]
+    is_stuck = False  # a claim outlived our patience: its process is stopped, or slower than we would be
     while left:
         with ExitStack() as claims:
-            own = [program for program in left if claims.enter_context(cache_folder.claimed(entries[program][0]))]
+            own = [p for p in left if claims.enter_context(cache_folder.claimed(entries[p][0])) or is_stuck]
             missing = [program for program in own if not _load(program, *entries[program])]
             if missing:
                 _compile_all(missing, entries, folder)
         left = [program for program in left if program not in own]
         until = time.monotonic() + (configuration.compile_timeout() or PATIENCE)
-        kept_back = []
-        for done, program in enumerate(left):
-            if not cache_folder.wait_for_claim(entries[program][0], until, partial(_show, done, len(left))):
-                kept_back.append(program)
+        waited = [
+            cache_folder.wait_for_claim(entries[program][0], until, partial(_show, done, len(left)))
+            for done, program in enumerate(left)
+        ]
+        is_stuck = not all(waited)
         _clear()
         left = [program for program in left if not _load(program, *entries[program])]
-        if stuck := [program for program in left if program in kept_back]:  # stopped, or slower than we would be
-            _compile_all(stuck, entries, folder)
-            left = [program for program in left if program not in stuck]
 
 
 def _compile_all(

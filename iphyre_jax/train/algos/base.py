@@ -169,6 +169,6 @@ def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:
 def not_finite(state: State) -> str:
     """Return the name of the first array of a state that holds NaN or infinity; empty if there is none."""
     for path, leaf in jax.tree_util.tree_leaves_with_path(state):
-        if jnp.issubdtype(leaf.dtype, jnp.floating) and not bool(jnp.isfinite(leaf).all()):
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not np.isfinite(np.asarray(leaf)).all():
             return jax.tree_util.keystr(path, simple=True, separator=".")
     return ""

@@ -10,9 +10,7 @@ ensemble.json     and ensemble.md: those of an ensemble of this run and others
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -46,12 +44,15 @@ def new_folder(config: TrainConfig, root: Path = Path("runs")) -> Path:
     trained_on = "some-games" if config.games else config.split
     name = f"{config.agent}-{config.strategy}-{config.head}-{trained_on}-{config.fps}fps-seed{config.seed}-{stamp}"
     root.mkdir(parents=True, exist_ok=True)
-    for number in itertools.count(1):
-        folder = root / (name if number == 1 else f"{name}-{number}")
-        with suppress(FileExistsError):
+    folder, number = root / name, 1
+    while True:
+        try:
             folder.mkdir()  # one process makes it
+        except FileExistsError:
+            number += 1
+            folder = root / f"{name}-{number}"
+        else:
             return folder
-    raise AssertionError
 
 
 def make_folder(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -132,7 +133,7 @@ def test_one_process_makes_an_entry(entry: Path, end: str) -> None:
     shown: list[bool] = []
     assert not wait_for_claim(entry, time.monotonic() + 0.2, lambda: shown.append(True))
     assert shown
-    waiting = threading.Thread(target=wait_for_claim, args=(entry,))
+    waiting = threading.Thread(target=wait_for_claim, args=(entry, math.inf, lambda: None))
     waiting.start()
     time.sleep(0.2)
     assert waiting.is_alive()
