@@ -5,8 +5,9 @@ never acts. What it prefers is a time. The chance that it has not acted since it
 decision; once at most half of it is left, the likeliest block goes, and the count begins anew. A policy that is sure of
 its action acts at once, as its mode does.
 
-To choose a block that has gone does nothing, and policies are free to: it counts as doing nothing. Else a policy that
-still prefers the block it has just removed would choose it to the end, where its samples go on to the next one.
+To choose a block that has gone, or a slot without one, does nothing, and policies are free to: it counts as doing
+nothing. Else a policy that still prefers the block it has just removed would choose it to the end, where its samples go
+on to the next one.
 
 Shapes: B observations.
 """
@@ -27,12 +28,12 @@ class Hazard(NamedTuple):
     """What has gone, and what the policy would have done since each episode's last removal."""
 
     survival: jax.Array  # (B,) float32 chance that it has removed nothing
-    gone: jax.Array  # (B, 6) bool, blocks that it has removed, by slot
+    gone: jax.Array  # (B, 6) bool, slots without a block, and those whose block it has removed
 
 
-def no_hazard(count: int) -> Hazard:
-    """The state of B episodes before their first decision."""
-    return Hazard(jnp.ones(count, jnp.float32), jnp.zeros((count, MAX_ELIMINABLE), bool))
+def no_hazard(blocks: jax.Array) -> Hazard:
+    """The state of B episodes before their first decision; their slots (B, 6) bool that have a block."""
+    return Hazard(jnp.ones(len(blocks), jnp.float32), ~blocks)
 
 
 def median_action(hazard: Hazard, log_probabilities: jax.Array) -> tuple[jax.Array, Hazard]:

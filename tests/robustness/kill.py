@@ -78,7 +78,7 @@ def kill_once(agent: str, folder: Path, rng: random.Random, *, saving: bool) -> 
 
 def same(folder: Path, undisturbed: Path) -> bool:
     """Whether two runs end with the same bits and the same lines."""
-    states = [runs.load(path)[1] for path in (folder, undisturbed)]
+    states = [runs.load(path, to_resume=True)[1] for path in (folder, undisturbed)]
     plain = [jax.tree.leaves(state._replace(key=jax.random.key_data(state.key))) for state in states]
     bits = all(np.array_equal(one, other) for one, other in zip(*plain, strict=True))
     lines = [

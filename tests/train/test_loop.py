@@ -91,7 +91,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
 
 def ending(folder: Path) -> list[Any]:
     """The bits of the last checkpoint, and the lines of metrics.csv."""
-    state = runs.load(folder)[1]
+    state = runs.load(folder, to_resume=True)[1]
     leaves = jax.tree.leaves(state._replace(key=jax.random.key_data(state.key)))
     return [*(np.asarray(leaf).tobytes() for leaf in leaves), logs.read(folder)]
 

@@ -87,7 +87,7 @@ def test_a_run_with_a_pool_resumes_to_the_same_bits(
     lines = [logs.read(folder) for folder in (whole.folder, result.folder)]
     clockless = [[{k: v for k, v in one.items() if k not in trainer.TIMING_COLUMNS} for one in log] for log in lines]
     assert clockless[0] == clockless[1]
-    config, state = runs.load(whole.folder)
+    config, state = runs.load(whole.folder, to_resume=True)
     assert config == replace(tiny, pool_sha256=file_sum(Path(tiny.scene_pool)))
     assert_same_tree(state, whole.state)
 

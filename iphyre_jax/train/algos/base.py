@@ -18,6 +18,7 @@ from iphyre_jax.train.algos.distributions import Head, action_head
 from iphyre_jax.train.algos.networks import Params, network
 from iphyre_jax.train.collect import PolicyFn, PolicyOutput, Trajectory
 from iphyre_jax.train.hazard import Hazard, no_hazard
+from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.run import TrainConfig
 
 S = TypeVar("S")
@@ -107,7 +108,7 @@ class _MedianPolicy:
 
     def __call__(self, obs: jax.Array) -> jax.Array:
         """(B,) int32 actions for the next observations (B, D)."""
-        hazard = no_hazard(len(obs)) if self._hazard is None else self._hazard
+        hazard = no_hazard(slot_mask(obs)) if self._hazard is None else self._hazard
         action, self._hazard = self._agent.median(self._state, obs, hazard)
         return action
 

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, without_value
 from iphyre_jax.train.algos.distributions import DeterministicHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, linear_schedule, polyak_update
@@ -99,11 +99,11 @@ class DDPGAlgorithm(OffPolicyAlgorithm[DDPG]):
         next_value = self.value(train_state.target_value, batch.next_obs, next_action)
         target = batch.reward + batch.discount * next_value
         error = self.value(value, batch.obs, batch.raw_action) - jax.lax.stop_gradient(target)
-        return masked_mean(jnp.square(error), batch.weight)
+        return jnp.square(error).mean()
 
     def policy_loss(self, policy: Params, value: Params, batch: Transition) -> jax.Array:
         """() minus the value of the policy's times."""
-        return -masked_mean(self.value(value, batch.obs, self.action(policy, batch.obs)), batch.weight)
+        return -self.value(value, batch.obs, self.action(policy, batch.obs)).mean()
 
     def gradient_step(
         self, num_updates: jax.Array, train_state: TrainState, key: jax.Array, batch: Transition

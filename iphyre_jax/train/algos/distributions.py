@@ -207,22 +207,30 @@ class DeterministicHead:
 
 @dataclass(frozen=True)
 class CategoricalHead:
-    """One of seven: 0 does nothing, i removes the block of slot i - 1; slots without a block have probability 0.
+    """One of seven: 0 does nothing, i removes the block of slot i - 1.
 
-    The outputs are added to the logarithm of a prior: `no_op_prob` for doing nothing; the blocks share the rest. A
+    The outputs are added to the logarithm of a prior: `no_op_prob` for doing nothing; the slots share the rest. A
     decision comes every 0.1 s, so without the prior all blocks would be gone within the first second.
     """
 
     no_op_prob: float = 0.97
+    empty_slots: bool = False
+    """Whether slots without a block share it too and can be chosen, which does nothing. Else their probability is 0."""
 
     shape: ClassVar[tuple[int, ...]] = (MAX_ELIMINABLE + 1,)
 
     def distribution(self, outputs: jax.Array, mask: jax.Array) -> jax.Array:
-        """See `Head`; (..., 7) normalised log probabilities, -inf for slots without a block."""
-        share = jnp.log((1.0 - self.no_op_prob) / jnp.maximum(mask.sum(axis=-1, keepdims=True), 1))
-        blocks = jnp.where(mask, jnp.broadcast_to(share, mask.shape), -jnp.inf)
+        """See `Head`; (..., 7) normalised log probabilities, -inf for actions that are not offered."""
+        slots = self.offered(mask)[..., 1:]
+        share = jnp.log((1.0 - self.no_op_prob) / jnp.maximum(slots.sum(axis=-1, keepdims=True), 1))
+        blocks = jnp.where(slots, jnp.broadcast_to(share, slots.shape), -jnp.inf)
         prior = jnp.concatenate([jnp.full_like(share, math.log(self.no_op_prob)), blocks], axis=-1)
         return jax.nn.log_softmax(outputs + prior, axis=-1)
+
+    def offered(self, mask: jax.Array) -> jax.Array:
+        """(..., 7) bool: the actions that can be chosen, where (..., 6) slots have a block."""
+        slots = jnp.ones_like(mask) if self.empty_slots else mask
+        return jnp.concatenate([jnp.ones((*mask.shape[:-1], 1), bool), slots], axis=-1)
 
     def sample(self, key: jax.Array, distribution: jax.Array) -> jax.Array:
         """See `Head`; int32."""
@@ -254,7 +262,7 @@ HEADS: Final[Mapping[HeadName, Head | DeterministicHead]] = MappingProxyType(
         "tanh_normal": TanhNormalHead(),
         "deterministic": DeterministicHead(),
         "categorical": CategoricalHead(),
-        "uniform": CategoricalHead(no_op_prob=1 / 7),
+        "uniform": CategoricalHead(no_op_prob=1 / 7, empty_slots=True),
     }
 )
 

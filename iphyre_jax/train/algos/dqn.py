@@ -8,13 +8,14 @@ Shapes: N transitions, D numbers in an observation.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from dataclasses import replace
+from typing import Final, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, without_value
 from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, linear_schedule, polyak_update
@@ -44,6 +45,12 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         """Adam."""
         return optax.adam(self.settings.learning_rate)
 
+    @property
+    def exploration(self) -> CategoricalHead:
+        """The distribution of random actions, over the actions that the head offers."""
+        head = cast("CategoricalHead", self.head)  # the settings allow no other
+        return replace(head, no_op_prob=self.settings.no_op_prob)
+
     def init(self, key: jax.Array, obs: jax.Array) -> State:
         """See `Algorithm`."""
         value = self.network(CategoricalHead.shape, VALUE_SCALE, dueling=self.settings.dueling).init(key, obs)
@@ -51,9 +58,8 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         return State(train_state, self.empty_buffer(obs, jnp.zeros((1,), jnp.int32)), jnp.zeros((), jnp.int32))
 
     def values(self, params: Params, obs: jax.Array) -> jax.Array:
-        """(N, 7) values of the actions; those of slots without a block are far below all others."""
-        no_op = jnp.ones((*obs.shape[:-1], 1), bool)
-        possible = jnp.concatenate([no_op, slot_mask(obs)], axis=-1)
+        """(N, 7) values of the actions; those that the head does not offer are far below all others."""
+        possible = self.exploration.offered(slot_mask(obs))
         network = self.network(CategoricalHead.shape, VALUE_SCALE, dueling=self.settings.dueling)
         return jnp.where(possible, forward(network, params, obs), IMPOSSIBLE)
 
@@ -71,8 +77,9 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         """See `Algorithm`: the best action, but for a share of random ones."""
         obs = jnp.repeat(obs, num_samples, axis=0)
         share_key, random_key = jax.random.split(key)
-        prior, mask = CategoricalHead(self.settings.no_op_prob), slot_mask(obs)
-        random = prior.sample(random_key, prior.distribution(jnp.zeros((*mask.shape[:-1], *prior.shape)), mask))
+        random_head, mask = self.exploration, slot_mask(obs)
+        no_preference = jnp.zeros((*mask.shape[:-1], *random_head.shape))
+        random = random_head.sample(random_key, random_head.distribution(no_preference, mask))
         best = self.best(state.train_state.value, obs)
         explores = jax.random.uniform(share_key, best.shape) < self.epsilon(state.num_updates)
         action = jnp.where(explores, random, best)
@@ -98,7 +105,7 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         """() squared distance of the values of the actions from their targets."""
         values = self.values(value, batch.obs)
         taken = jnp.take_along_axis(values, batch.raw_action[:, None], axis=-1)[:, 0]
-        return masked_mean(jnp.square(taken - target), batch.weight)
+        return jnp.square(taken - target).mean()
 
     def gradient_step(
         self, num_updates: jax.Array, train_state: TrainState, key: jax.Array, batch: Transition

@@ -3,7 +3,7 @@
 A transition spans up to n decisions: the observation, the action, the rewards until then, and the next observation with
 the discount of its value, 0 after the end of an episode.
 
-The ring is our own: an update writes a fixed number of rows, so writing a slice at the ring's position is enough.
+The ring is our own: an update adds as many rows as its episodes made decisions, a number that only the run knows.
 
 Shapes: T decisions, B episodes, N transitions, D numbers in an observation.
 """
@@ -29,19 +29,18 @@ class Transition(NamedTuple):
     reward: jax.Array  # (N,) in units of 1000 points
     discount: jax.Array  # (N,) of the value of next_obs
     next_obs: jax.Array  # (N, D)
-    weight: jax.Array  # (N,) 1, or 0 for a row after the end of its episode
 
 
 class Buffer(NamedTuple):
-    """A ring of rows; each update overwrites the oldest. Rows of episodes that had ended have weight 0."""
+    """A ring of transitions; each update overwrites the oldest."""
 
     transitions: Transition  # (capacity, ...)
     position: jax.Array  # () int32, row that the next update writes first
-    size: jax.Array  # () int32, rows written so far, at most the capacity
+    size: jax.Array  # () int32, rows that hold a transition
 
 
 def transitions(settings: OffPolicy, trajectory: Trajectory) -> Transition:
-    """All transitions of a trajectory, T x B of them, decision by decision."""
+    """The T x B transitions of a trajectory, decision by decision; those after the end of an episode mean nothing."""
     length = trajectory.reward.shape[0]
     reward = jnp.zeros_like(trajectory.reward)
     discount = jnp.ones_like(trajectory.reward)
@@ -49,8 +48,7 @@ def transitions(settings: OffPolicy, trajectory: Trajectory) -> Transition:
         reward = reward + discount * _later(trajectory.reward / POINTS, k)
         discount = discount * settings.gamma * (1.0 - _later(trajectory.done.astype(jnp.float32), k))
     next_obs = trajectory.obs[jnp.minimum(jnp.arange(length) + settings.n_step, length)]
-    weight = trajectory.active.astype(jnp.float32)
-    whole = Transition(trajectory.obs[:-1], trajectory.raw_action, reward, discount, next_obs, weight)
+    whole = Transition(trajectory.obs[:-1], trajectory.raw_action, reward, discount, next_obs)
     return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), whole)
 
 
@@ -67,19 +65,17 @@ def empty(config: TrainConfig, settings: OffPolicy, obs: jax.Array, raw_action: 
         return jnp.zeros((capacity, *like.shape[1:]), like.dtype)
 
     scalar = jnp.zeros(1)
-    no_transitions = Transition(*map(zeros, (obs, raw_action, scalar, scalar, obs, scalar)))
+    no_transitions = Transition(*map(zeros, (obs, raw_action, scalar, scalar, obs)))
     return Buffer(no_transitions, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 
 
 def add(config: TrainConfig, settings: OffPolicy, buffer: Buffer, trajectory: Trajectory, key: jax.Array) -> Buffer:
-    """Add the transitions of an update; if there are too many, a random subset of the active ones."""
-    whole, rows = transitions(settings, trajectory), settings.rows(config.decisions_per_update)
-    count = whole.weight.shape[0]
-    order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - whole.weight))[:rows]
-    kept = jax.tree.map(
-        lambda old, new: jax.lax.dynamic_update_slice_in_dim(old, new[order], buffer.position, 0),
-        buffer.transitions,
-        whole,
-    )
-    capacity = buffer.transitions.weight.shape[0]
-    return Buffer(kept, (buffer.position + rows) % capacity, jnp.minimum(buffer.size + rows, capacity))
+    """Add the transitions of an update that come from episodes that went on; if there are too many, a random subset."""
+    whole, active = transitions(settings, trajectory), trajectory.active.reshape(-1)
+    rows, capacity = settings.rows(config.decisions_per_update), buffer.transitions.reward.shape[0]
+    order = jnp.argsort(jax.random.uniform(key, active.shape) + jnp.where(active, 0.0, 1.0))[:rows]
+    count = active[order].sum(dtype=jnp.int32)  # they come first
+    place = jnp.arange(rows)
+    row = jnp.where(place < count, (buffer.position + place) % capacity, capacity)  # past the end: written nowhere
+    kept = jax.tree.map(lambda old, new: old.at[row].set(new[order], mode="drop"), buffer.transitions, whole)
+    return Buffer(kept, (buffer.position + count) % capacity, jnp.minimum(buffer.size + count, capacity))

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, masked_mean, without_value
+from iphyre_jax.train.algos.base import Metrics, descend, forward, jitted, without_value
 from iphyre_jax.train.algos.distributions import CategoricalHead
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.algos.off_policy import OffPolicyAlgorithm, State, polyak_update
@@ -143,18 +143,18 @@ class SACAlgorithm(OffPolicyAlgorithm[SAC]):
         taken = values[..., 0]
         if self.discrete:
             taken = jnp.take_along_axis(values, batch.raw_action[None, :, None], axis=-1)[..., 0]
-        value_loss = masked_mean(jnp.square(taken - target[None]).mean(axis=0), batch.weight)
+        value_loss = jnp.square(taken - target[None]).mean()
         found = self.candidates(params["policy"], key, batch.obs)
         fixed = jax.lax.stop_gradient(params["values"])
         value = self.values(fixed, batch.obs, found.raw_action).min(axis=0)
         alpha = jnp.exp(params["log_alpha"])
         cost = jax.lax.stop_gradient(alpha) * found.log_prob - value
-        policy_loss = masked_mean((found.weight * cost).sum(axis=-1), batch.weight)
+        policy_loss = (found.weight * cost).sum(axis=-1).mean()
         entropy = -(found.weight * found.log_prob).sum(axis=-1)
         blocks = jnp.ones_like(entropy) if self.discrete else slot_mask(batch.obs).sum(axis=-1)
         surplus = jax.lax.stop_gradient(entropy - blocks * self.settings.target_entropy)
-        alpha_loss = masked_mean(params["log_alpha"] * surplus, batch.weight)
-        metrics = {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": masked_mean(entropy, batch.weight)}
+        alpha_loss = (params["log_alpha"] * surplus).mean()
+        metrics = {"policy_loss": policy_loss, "value_loss": value_loss, "entropy": entropy.mean()}
         return value_loss + policy_loss + alpha_loss, {**metrics, "alpha": alpha}
 
     def gradient_step(

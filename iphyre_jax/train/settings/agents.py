@@ -108,26 +108,25 @@ class OffPolicy:
     n_step: int = _count(1)
     """Decisions whose rewards are summed before the value network takes over."""
     buffer_size: int = _count(100_000)
-    """Rows kept, among them those of episodes that had ended; the oldest go first. At least the rows of an update."""
+    """Decisions kept; the oldest go first. At least those of an update."""
     samples_per_update: int = 0
     """Decisions of an update to keep, drawn at random; 0 for all."""
     batch_size: int = _count(256)
-    """Rows in a gradient step; those of episodes that had ended weigh nothing."""
+    """Decisions in a gradient step."""
     gradient_steps: int = _count(64)
     """Gradient steps in an update."""
     warmup: int = 1000
-    """Rows that must be kept before learning begins."""
+    """Decisions that must be kept before learning begins."""
     tau: float = _share(0.005)
     """Share of the way that target networks move to the learned ones in a gradient step."""
 
     def rows(self, decisions: int) -> int:
-        """Transitions that an update of so many decisions keeps."""
+        """Transitions that an update of so many decisions keeps, at most."""
         return min(self.samples_per_update or decisions, decisions)
 
     def capacity(self, decisions: int) -> int:
-        """Transitions that the buffer keeps: those of whole updates."""
-        rows = self.rows(decisions)
-        return max(1, self.buffer_size // rows) * rows
+        """Transitions that the buffer keeps."""
+        return max(self.buffer_size, self.rows(decisions))
 
 
 @dataclass(frozen=True)

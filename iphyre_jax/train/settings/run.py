@@ -96,7 +96,7 @@ class TrainConfig:
     """Distribution of a decision. For times: "time_grid", a categorical over never and every 0.1 s up to 14.9 s;
     "gaussian", a normal clipped to [0 s, 15 s], as in the paper; "tanh_normal", a normal squashed into it (SAC);
     "deterministic" (DDPG). On the fly: "categorical", which starts by doing nothing 97 times in 100; "uniform", which
-    starts with equal probabilities."""
+    starts with equal probabilities and can choose slots without a block, which does nothing, as in the paper."""
 
     network: Literal["mlp", "objects"] = "mlp"
     """"mlp" reads the observation as one list of numbers; "objects" attends from object to object."""

@@ -26,7 +26,9 @@ import orbax.checkpoint as ocp
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.provenance import versions
 from iphyre_jax.train import trainer
+from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.settings import old_names
+from iphyre_jax.train.settings.agents import OffPolicy
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import manifest
 from iphyre_jax.train.storage.manifest import STATE
@@ -118,13 +120,14 @@ def names(run: Path) -> list[str]:
 
 
 def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: bool = False) -> RunState:
-    """The state that `save` wrote for a run with these settings.
+    """The state that `save` wrote for a run with these settings, or what of it plays.
 
     Args:
         run: its folder.
         config: its settings.
         name: of the checkpoint; the newest by default.
-        to_resume: refuse a checkpoint from other versions of the packages that decide the bits.
+        to_resume: read what only learning needs too, and refuse a checkpoint from other versions of the packages that
+            decide the bits.
 
     Raises:
         FileNotFoundError: one line; there is no such checkpoint.
@@ -138,7 +141,7 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
         known = ", ".join(there[-MAX_NAMED:]) or "none"
         raise FileNotFoundError(f"{run / FOLDER}: there is no checkpoint {show(chosen)}, only {known}")
     try:
-        state = _load(run / FOLDER / chosen, config)
+        state = _load(run / FOLDER / chosen, config, whole=to_resume)
     except Exception as error:  # orbax raises many kinds
         raise ValueError(f"{run / FOLDER / chosen}: {_first_line(error)}; {_offer(run, config, chosen)}") from None
     if to_resume:
@@ -161,7 +164,7 @@ def _offer(run: Path, config: TrainConfig, damaged: str) -> str:
         if name == damaged:
             continue
         try:
-            _load(run / FOLDER / name, config)
+            _load(run / FOLDER / name, config, whole=True)
         except Exception:  # noqa: S112 - not good either, whatever the reason
             continue
         return f"the last good one is {name}: --checkpoint {name}"
@@ -175,19 +178,26 @@ def _first_line(error: Exception) -> str:
     return one_line((str(error).strip().splitlines() or [type(error).__name__])[0])[:MAX_MESSAGE]
 
 
-def _load(path: Path, config: TrainConfig) -> RunState:
-    """Verify and read one checkpoint."""
+def _load(path: Path, config: TrainConfig, *, whole: bool) -> RunState:
+    """Verify one checkpoint, and read all of it or what plays."""
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
+    written = manifest.verify(path, config, _bytes(named_arrays(like)))
+    if not whole:
+        like = like._replace(learner=algorithm(config).inference_state(like.learner))
+    elif written < manifest.FORMAT and isinstance(config.learner, OffPolicy):
+        raise ValueError("its replay buffer is of an older form: it can be evaluated, not resumed")
     expected = named_arrays(like)
-    old = manifest.verify(path, config, _bytes(expected)) == 1
-    with _quiet(), ocp.StandardCheckpointer() as checkpointer:
+    with _quiet(), ocp.Checkpointer(ocp.PyTreeCheckpointHandler()) as checkpointer:
         stored = checkpointer.metadata((path / STATE).absolute()).item_metadata.tree
-        stored_name = {old_names.array_path(name) if old else name: name for name in stored}
+        stored_name = {old_names.array_path(name) if written == 1 else name: name for name in stored}
         # Compared before anything is read: orbax readers hang at a wrong shape.
-        if _forms({name: stored[stored_name[name]] for name in stored_name}) != _forms(expected):
+        forms = _forms({name: stored[stored_name[name]] for name in stored_name if whole or name in expected})
+        if forms != _forms(expected):
             raise ValueError("it holds other arrays than these settings have")
         targets = {stored_name[name]: leaf for name, leaf in expected.items()}
-        arrays = checkpointer.restore((path / STATE).absolute(), targets)
+        restore_args = ocp.checkpoint_utils.construct_restore_args(targets)
+        asked = ocp.args.PyTreeRestore(targets, restore_args, partial_restore=True)
+        arrays = checkpointer.restore((path / STATE).absolute(), asked)
     leaves = [arrays[stored_name[name]] for name in expected]
     restored: RunState = jax.tree.unflatten(jax.tree.structure(like), leaves)
     if int(restored.update) != int(path.name):

@@ -17,7 +17,7 @@ from iphyre_jax.provenance import versions
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 
-FORMAT: Final = 2  # format 1 has the names of `old_names`
+FORMAT: Final = 3  # format 1 has the names of `old_names`; to 2, replay buffers kept rows of episodes that had ended
 STATE, MANIFEST, SUM = "state", "manifest.json", "manifest.sha256"
 MAX_FILES: Final = 10_000  # of a state; orbax writes about twenty
 SLACK: Final = 64 * 2**20  # bytes of a state beyond those of its arrays
@@ -57,7 +57,7 @@ def verify(path: Path, config: TrainConfig, state_bytes: int) -> int:
         raise ValueError(f"damaged: {MANIFEST} does not have the SHA-256 sum of {SUM}")
     content = read(path)
     written = content["format"]
-    if written not in (1, FORMAT):
+    if written not in range(1, FORMAT + 1):
         raise ValueError(f"expected format {FORMAT}, got {show(written)}: written by another version")
     if config_from_json(content["settings"], manifest, old=written == 1) != config:  # newer settings have defaults
         raise ValueError("it belongs to other settings than config.json says")

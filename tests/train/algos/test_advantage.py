@@ -1,4 +1,4 @@
-"""Advantages and n-step transitions against tables worked by hand."""
+"""Advantages against tables worked by hand."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.train.algos.advantage import advantages, gae, normalize
-from iphyre_jax.train.algos.replay import transitions
 from iphyre_jax.train.collect import Trajectory
-from iphyre_jax.train.settings.agents import OffPolicy, PolicyGradient
+from iphyre_jax.train.settings.agents import PolicyGradient
 
 
 def test_gae_by_hand() -> None:
@@ -71,24 +70,3 @@ def test_advantages_are_in_thousands_of_points() -> None:
     found, target = advantages(settings, trajectory([-10.0, 0.0, 1000.0], 2), 1)
     np.testing.assert_allclose(found[:, 0], [0.99, 1.0, 1.0], rtol=1e-6)
     np.testing.assert_allclose(target, found)
-
-
-def test_transitions_of_two_decisions_by_hand() -> None:
-    """gamma 0.5, n = 2, rewards 1 2 4 in thousands, the third decision is the last, a fourth is not there.
-
-    From 0: 1 + 0.5 * 2 = 2, then 0.25 of what is seen at 2. From 1: 2 + 0.5 * 4 = 4, nothing follows.
-    From 2: 4, nothing follows.
-    """
-    settings = OffPolicy(gamma=0.5, n_step=2)
-    found = transitions(settings, trajectory([1000.0, 2000.0, 4000.0, 0.0], 2))
-    np.testing.assert_allclose(found.reward[:3], [2.0, 4.0, 4.0])
-    np.testing.assert_allclose(found.discount[:3], [0.25, 0.0, 0.0])
-    np.testing.assert_allclose(found.next_obs[:, 0], [2.0, 3.0, 4.0, 4.0])
-    np.testing.assert_array_equal(found.weight, [1.0, 1.0, 1.0, 0.0])
-
-
-def test_one_step_transitions_are_the_plain_ones() -> None:
-    found = transitions(OffPolicy(gamma=0.9), trajectory([100.0, 200.0], 1))
-    np.testing.assert_allclose(found.reward, [0.1, 0.2])
-    np.testing.assert_allclose(found.discount, [0.9, 0.0])
-    np.testing.assert_allclose(found.next_obs[:, 0], [1.0, 2.0])

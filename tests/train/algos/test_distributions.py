@@ -113,6 +113,17 @@ def test_categorical_starts_at_its_prior() -> None:
     assert int(head.mode(head.distribution(outputs.at[5].set(50.0), TWO))) == 0
 
 
+def test_the_uniform_head_offers_all_seven_actions() -> None:
+    """As the official environments do: a slot without a block can be chosen."""
+    head = HEADS["uniform"]
+    assert isinstance(head, CategoricalHead)
+    distribution = head.distribution(jnp.zeros(7), TWO)
+    np.testing.assert_allclose(np.exp(distribution), np.full(7, 1 / 7), rtol=1e-5)
+    assert int(head.mode(head.distribution(jnp.zeros(7).at[5].set(50.0), TWO))) == 5
+    np.testing.assert_array_equal(head.offered(TWO), np.ones(7, bool))
+    np.testing.assert_array_equal(CategoricalHead().offered(TWO), [1, 1, 1, 0, 0, 0, 0])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLED)
 def test_samples_follow_the_distribution(name: HeadName) -> None:
@@ -132,7 +143,7 @@ def test_samples_follow_the_distribution(name: HeadName) -> None:
     if name != "tanh_normal":
         np.testing.assert_allclose(nats, (2 if len(head.shape) == 2 else 1) * entropy, rtol=0.03)
     assert float(action.min()) >= 0
-    assert float(action.max()) <= (1 if len(head.shape) == 2 else 2)
+    assert float(action.max()) <= (1 if len(head.shape) == 2 else 6 if name == "uniform" else 2)
 
 
 @pytest.mark.parametrize("name", SAMPLED)

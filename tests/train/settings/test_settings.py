@@ -109,7 +109,7 @@ USELESS: dict[str, tuple[dict[str, Any], str]] = {
     "share of a target": (DDPG_I | {"learner": DDPG(tau=2.0)}, "tau: expected at most 1, got 2.0"),
     "learning that never begins": (
         DDPG_I | {"games": ("hole",), "learner": DDPG(buffer_size=500)},
-        "warmup: expected at most 384, the transitions that are kept, got 1000",
+        "warmup: expected at most 500, the transitions that are kept, got 1000",
     ),
     "never nothing": (
         FLY | {"agent": "dqn", "head": "categorical", "learner": DQN(no_op_prob=0.0)},

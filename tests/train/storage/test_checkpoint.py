@@ -73,15 +73,15 @@ def test_a_manifest_that_fits_is_not_trusted_with_sizes(tmp_path: Path) -> None:
         ({"versions": None}, "versions: expected dict, got None"),
         ({"update": "1"}, "update: expected int"),
         ({"update": 2}, "expected the checkpoint of 1 updates, got that of 2"),
-        ({"format": [[]]}, "expected format 2, got a list of 1"),
+        ({"format": [[]]}, "expected format 3, got a list of 1"),
     ):
-        rewrite(path, **{"files": files, "update": 1, "format": 2, "versions": {}, **changes})
+        rewrite(path, **{"files": files, "update": 1, "format": 3, "versions": {}, **changes})
         refused(message)
     bomb = path / manifest.STATE / "bomb"
     with bomb.open("wb") as file:
         file.truncate(2**40)  # a hole: it takes no room
     about = {"size": 2**40, "sha256": "0"}
-    rewrite(path, files={**files, "state/bomb": about}, update=1, format=2)
+    rewrite(path, files={**files, "state/bomb": about}, update=1, format=3)
     refused("the files of state/ are larger than the arrays of these settings")
     bomb.unlink()
     os.mkfifo(bomb)

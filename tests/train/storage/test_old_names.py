@@ -47,6 +47,10 @@ def test_an_old_run_is_evaluated_and_resumed(name: str, tmp_path: Path, monkeypa
     found = evaluate(config, state.learner, GAMES).to_json()["games"]
     np.testing.assert_allclose(rewards(found), rewards(expected["evaluated"]), rtol=1e-4)
     assert set(compare.read(folder).games) == set(GAMES)
+    if name == "ddpg":  # its replay buffer has rows that are no longer kept
+        with pytest.raises(ValueError, match="its replay buffer is of an older form: it can be evaluated, not resumed"):
+            loop.resume(folder, Console(quiet=True))
+        return
     result = loop.resume(folder, Console(quiet=True))
     np.testing.assert_allclose(numbers(logs.read(folder)), numbers(expected["metrics"]), rtol=1e-3, atol=1e-6)
     found = evaluate(config, result.state.learner, GAMES).to_json()["games"]

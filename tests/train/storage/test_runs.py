@@ -19,6 +19,7 @@ from iphyre_jax.cli import main as cli
 from iphyre_jax.cli import train as train_commands
 from iphyre_jax.files import file_sum
 from iphyre_jax.train import collect, loop, trainer
+from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.evaluate import evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.settings.agents import PPO
@@ -121,9 +122,11 @@ def test_evaluation_of_two_games(finished: loop.TrainingResult) -> None:
 
 @pytest.mark.slow
 def test_a_run_is_read_again(finished: loop.TrainingResult) -> None:
-    config, state = runs.load(finished.folder)
+    config, state = runs.load(finished.folder, to_resume=True)
     assert config == TINY
     assert_same_tree(state, finished.state)
+    config, state = runs.load(finished.folder)  # what plays
+    assert_same_tree(state.learner, algorithm(TINY).inference_state(finished.state.learner))
     assert evaluate(config, state.learner, GAMES) == evaluate(TINY, finished.state.learner, GAMES)
 
 
