@@ -149,8 +149,15 @@ _SAC: Final = AgentSpec(
     plan_heads=("tanh_normal",),
     default={
         "in-advance": _SMALL | {"head": "tanh_normal", "learner": SAC(learning_rate=1e-3)},
-        "combined": _SMALL | {"head": "tanh_normal", "updates": 100, "learner": SAC(learning_rate=1e-3)},
-        "on-the-fly": _run(SAC(n_step=10, target_entropy=0.1, alpha=0.01), 40, 8, activation="relu", **_FLY),
+        "combined": _SMALL
+        | {
+            "head": "tanh_normal",
+            "updates": 100,
+            "learner": SAC(learning_rate=1e-3, n_step=7, gradient_steps=256),  # an episode has at most 7 decisions
+        },
+        "on-the-fly": _run(
+            SAC(n_step=50, gradient_steps=128, target_entropy=0.1, alpha=0.01), 80, 8, activation="relu", **_FLY
+        ),
     },
     paper={
         "in-advance": _run(SAC(**_PAPER_SAC, gradient_steps=100, buffer_size=60_000), 570, 10, **_SQUASHED),
@@ -176,7 +183,11 @@ _DQN: Final = AgentSpec(
     DQN,
     default={
         "on-the-fly": _run(
-            DQN(n_step=10, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25), 40, 8, activation="relu", **_FLY
+            DQN(n_step=10, gradient_steps=256, no_op_prob=0.9, epsilon_end=0.01, epsilon_updates=25),
+            40,
+            8,
+            activation="relu",
+            **_FLY,
         )
     },
     paper={"on-the-fly": _run(_PAPER_DQN, 200, 4, head="uniform")},
