@@ -108,8 +108,8 @@ CHOSEN: Final = {
     "are kept with three: 761, 651 and 633 points, beside 752, 601 and 609 with five refinements. The gain was "
     "raised because with 0.8 policies lost a basic game in some of four draws; with 1.6 five policies have 872 "
     "points on these, and it costs the other scenes nothing. It was known that on unseen basic games, of which there "
-    "are ten, the five lose one more: 734 points, beside 791. So at 10 steps a second `on-policy` is the row that "
-    "counts, as was written down before it was played on the forty. Before it, `ppo-i-objects-ranked` was played "
+    "are ten, the trial's five lose one more: 734 points, beside 791. So at 10 steps a second `on-policy` is the row "
+    "that counts, as was written down before it was played on the forty. Before it, `ppo-i-objects-ranked` was played "
     "with the classifier refined five times: 654.3 points at the first try",
 }
 

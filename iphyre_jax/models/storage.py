@@ -149,6 +149,23 @@ class RunFolders(Generic[S]):
         return content
 
 
+@dataclass(frozen=True, eq=False)
+class TrainedModel(Generic[S]):
+    """A trained model of one kind.
+
+    Attributes:
+        name: as in its document.
+        config: settings of its training.
+        params: of its network; of a classifier, with an axis of one seed in front.
+        origin: how it was chosen and where it was trained.
+    """
+
+    name: str
+    config: S
+    params: Params
+    origin: Mapping[str, Any]
+
+
 @dataclass(frozen=True)
 class WeightFiles(Generic[S]):
     """The files of trained models of one kind.
@@ -171,23 +188,23 @@ class WeightFiles(Generic[S]):
         """The names of the trained models in a folder."""
         return tuple(sorted(file.stem for file in folder.glob("*.npz")))
 
-    def save(self, folder: Path, name: str, config: S, params: Params, origin: Mapping[str, Any]) -> None:
+    def save(self, folder: Path, model: TrainedModel[S]) -> None:
         """Write the two files of a model."""
-        arrays = named_arrays(params)
+        arrays = named_arrays(model.params)
         content = pack_npz({key: np.asarray(leaf, self.dtype) for key, leaf in arrays.items()})
         described = {
             "schema": self.schema,
             "version": VERSION,
-            "settings": config.to_json(),
+            "settings": model.config.to_json(),
             "sha256": hashlib.sha256(content).hexdigest(),
-            "origin": dict(origin),
+            "origin": dict(model.origin),
         }
         folder.mkdir(parents=True, exist_ok=True)
-        replace_bytes(folder / f"{name}.npz", content)
-        replace_json(folder / f"{name}.json", described)
+        replace_bytes(folder / f"{model.name}.npz", content)
+        replace_json(folder / f"{model.name}.json", described)
 
-    def load(self, folder: Path, name: str, start: Callable[[S], Params]) -> tuple[S, Params, Mapping[str, Any]]:
-        """Settings, parameters and origin of a model.
+    def load(self, folder: Path, name: str, start: Callable[[S], Params]) -> TrainedModel[S]:
+        """A model.
 
         Args:
             folder: of the files.
@@ -201,7 +218,8 @@ class WeightFiles(Generic[S]):
         arrays = folder / f"{name}.npz"
         verify_sum(arrays, content.get("sha256"))
         like = jax.eval_shape(lambda: start(config))
-        return config, restored(read_npz(arrays, self.max_bytes), like, arrays), content.get("origin", {})
+        params = restored(read_npz(arrays, self.max_bytes), like, arrays)
+        return TrainedModel(name, config, params, content.get("origin", {}))
 
     def config(self, folder: Path, name: str) -> S:
         """Settings of a model, whose parameters are not read.
@@ -229,6 +247,23 @@ def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | No
     """
     file = folder / STATE
     return read_npz(file, max_bytes) if file.is_file() else None
+
+
+def check_losses(folder: Path, losses: npt.ArrayLike, done: str) -> None:
+    """Refuse to go on with a model that has diverged; what is saved of its run is that of before.
+
+    Args:
+        folder: of the run.
+        losses: of the last chunk.
+        done: what was made before that chunk, such as "step 400".
+
+    Raises:
+        ValueError: one line; a loss is not finite.
+    """
+    found = np.asarray(losses)
+    if not np.isfinite(found).all():
+        bad = found[~np.isfinite(found)][0]
+        raise ValueError(f"{folder}: training has diverged: after {done} a loss is {bad}")
 
 
 def parameter_count(params: Any) -> int:  # noqa: ANN401 - a tree of arrays

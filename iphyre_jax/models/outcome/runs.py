@@ -29,7 +29,7 @@ from iphyre_jax.models.outcome.training import (
     start,
     train_chunk,
 )
-from iphyre_jax.models.storage import EVALUATION, VERSION, parameter_count
+from iphyre_jax.models.storage import EVALUATION, VERSION, check_losses, parameter_count
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 
@@ -64,7 +64,7 @@ def train(
         params: of trained networks, to go on from; None to begin anew.
 
     Raises:
-        ValueError: one line; the folder holds another run, or a damaged one.
+        ValueError: one line; the folder holds another run, or a damaged one, or training has diverged.
         OSError: one line; another process trains there, or a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -79,6 +79,7 @@ def train(
             bar = progress.add_task(config.name, total=config.epochs, completed=len(history.loss), status="compiling")
             for first in range(len(history.loss), config.epochs, config.chunk):
                 state, made = train_chunk(config, material, jnp.int32(first), state)
+                check_losses(folder, made.loss, f"epoch {first}")
                 history = History(*(jnp.concatenate(pair) for pair in zip(history, made, strict=True)))
                 storage.save(folder, state, history)
                 status = f"loss {history.loss[-1].mean():.3f}  held out {100 * history.held_accuracy[-1].mean():.1f} %"

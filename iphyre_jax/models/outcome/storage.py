@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +26,7 @@ from iphyre_jax.models.outcome.networks.fusion import network
 from iphyre_jax.models.outcome.plays.inputs import Plans, Scenes, scene_inputs
 from iphyre_jax.models.outcome.settings import OutcomeConfig
 from iphyre_jax.models.outcome.training import History, OutcomeState, Params
-from iphyre_jax.models.storage import METRICS, STATE, RunFolders, WeightFiles, read_state
+from iphyre_jax.models.storage import METRICS, STATE, RunFolders, TrainedModel, WeightFiles, read_state
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
@@ -38,6 +36,8 @@ RUNS: Final = RunFolders("iphyre_jax/outcome-run", OutcomeConfig)
 FILES: Final = WeightFiles("iphyre_jax/outcome-classifier", OutcomeConfig, "classifier", np.float16, MAX_STATE)
 HISTORY: Final = "history."
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.outcome").joinpath("weights")))
+
+OutcomeClassifier = TrainedModel[OutcomeConfig]
 
 
 def plays_sum(plays: Dataset) -> str:
@@ -75,23 +75,6 @@ def load(folder: Path, like: OutcomeState) -> tuple[OutcomeState, History] | Non
     return restored(arrays, like, folder / STATE), History(*(jnp.asarray(each) for each in history))
 
 
-@dataclass(frozen=True, eq=False)
-class OutcomeClassifier:
-    """A trained network.
-
-    Attributes:
-        name: as in docs/results/outcome.md.
-        config: settings of its training.
-        params: of one network, with an axis of one seed in front.
-        origin: how the seed was chosen and where it was trained.
-    """
-
-    name: str
-    config: OutcomeConfig
-    params: Params
-    origin: Mapping[str, Any]
-
-
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     """The names of the trained classifiers."""
     return FILES.names(folder)
@@ -109,7 +92,7 @@ def rounded(params: Params, seed: int) -> Params:
 
 def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
     """Write the two files of a classifier; its parameters are `rounded`."""
-    FILES.save(folder, classifier.name, classifier.config, classifier.params, classifier.origin)
+    FILES.save(folder, classifier)
 
 
 def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
@@ -118,8 +101,8 @@ def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:
     Raises:
         ValueError: one line; the name is unknown, or its files are damaged.
     """
-    config, params, origin = FILES.load(folder, name, _one_network)
-    return OutcomeClassifier(name, dataclasses.replace(config, seeds=1), params, origin)
+    loaded = FILES.load(folder, name, _one_network)
+    return dataclasses.replace(loaded, config=dataclasses.replace(loaded.config, seeds=1))
 
 
 def _one_network(config: OutcomeConfig) -> Params:

@@ -17,7 +17,7 @@ from iphyre_jax.models.sequence import evaluation, storage
 from iphyre_jax.models.sequence.episodes import SequenceData
 from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.models.sequence.training import SequenceState, of_seed, start, train_chunk
-from iphyre_jax.models.storage import EVALUATION, VERSION, parameter_count
+from iphyre_jax.models.storage import EVALUATION, VERSION, check_losses, parameter_count
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 
@@ -35,7 +35,7 @@ def train(
         console: for the progress bar.
 
     Raises:
-        ValueError: one line; the folder holds another run, or a damaged one.
+        ValueError: one line; the folder holds another run, or a damaged one, or training has diverged.
         OSError: one line; another process trains there, or a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -49,6 +49,7 @@ def train(
             bar = progress.add_task(config.name, total=config.updates, completed=len(losses), status="compiling")
             for first in range(len(losses), config.updates, config.chunk):
                 state, made = train_chunk(config, arrays, jnp.int32(first), state)
+                check_losses(folder, made, f"update {first}")
                 losses = np.concatenate([losses, np.asarray(made)])
                 storage.save(folder, config, state, losses)
                 progress.update(bar, advance=config.chunk, status=f"loss {losses[-config.chunk :].mean():.3f}")
@@ -70,7 +71,7 @@ def evaluate(folder: Path, config: SequenceConfig, state: SequenceState) -> dict
     return content
 
 
-def shipped(config: SequenceConfig, state: SequenceState, found: Mapping[str, Any]) -> storage.TrainedModel:
+def shipped(config: SequenceConfig, state: SequenceState, found: Mapping[str, Any]) -> storage.TrainedSequenceModel:
     """The best model of a run, rounded as it ships: chosen on the basic and the unseen basic games, no others."""
     result = found["modes"]["greedy"]
     scores = np.mean([evaluation.split_means(result, split)[0] for split in ("basic", "unseen_basic")], axis=0)
@@ -82,4 +83,4 @@ def shipped(config: SequenceConfig, state: SequenceState, found: Mapping[str, An
         "reward": reward,
         "trained": provenance(),
     }
-    return storage.TrainedModel(config.name, config, storage.rounded(of_seed(state.params, seed)), origin)
+    return storage.TrainedSequenceModel(config.name, config, storage.rounded(of_seed(state.params, seed)), origin)

@@ -11,11 +11,9 @@ A trained model is NAME.npz, the parameters of one seed in float16, and NAME.jso
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +25,7 @@ from iphyre_jax.models.sequence.agent import Memory
 from iphyre_jax.models.sequence.networks import SequenceModel
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, SequenceState
-from iphyre_jax.models.storage import METRICS, STATE, RunFolders, WeightFiles, read_state
+from iphyre_jax.models.storage import METRICS, STATE, RunFolders, TrainedModel, WeightFiles, read_state
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
@@ -39,6 +37,7 @@ LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.sequence").joinpath("weights")))
 
 Floats = npt.NDArray[np.float32]
+TrainedSequenceModel = TrainedModel[SequenceConfig]
 
 
 def save(folder: Path, config: SequenceConfig, state: SequenceState, losses: Floats) -> None:
@@ -66,23 +65,6 @@ def load(folder: Path, like: SequenceState) -> tuple[SequenceState, Floats] | No
     return restored(arrays, like, folder / STATE), losses
 
 
-@dataclass(frozen=True, eq=False)
-class TrainedModel:
-    """A trained sequence model.
-
-    Attributes:
-        name: as in docs/results/sequence.md.
-        config: settings of its training.
-        params: of one model.
-        origin: how the seed was chosen and where it was trained.
-    """
-
-    name: str
-    config: SequenceConfig
-    params: Params
-    origin: Mapping[str, Any]
-
-
 def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     """The names of the trained models."""
     return FILES.names(folder)
@@ -93,19 +75,19 @@ def rounded(params: Params) -> Params:
     return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, np.float16), leaf.dtype), params)
 
 
-def save_model(model: TrainedModel, folder: Path = WEIGHTS) -> None:
+def save_model(model: TrainedSequenceModel, folder: Path = WEIGHTS) -> None:
     """Write the two files of a model; its parameters are `rounded`."""
-    FILES.save(folder, model.name, model.config, model.params, model.origin)
+    FILES.save(folder, model)
 
 
-def load_model(name: str, folder: Path = WEIGHTS) -> TrainedModel:
+def load_model(name: str, folder: Path = WEIGHTS) -> TrainedSequenceModel:
     """A trained model of the package, or of another folder.
 
     Raises:
         ValueError: one line; the name is unknown, or its files are damaged.
     """
-    config, params, origin = FILES.load(folder, name, _shapes)
-    return TrainedModel(name, dataclasses.replace(config, seeds=1), params, origin)
+    loaded = FILES.load(folder, name, _shapes)
+    return dataclasses.replace(loaded, config=dataclasses.replace(loaded.config, seeds=1))
 
 
 def _shapes(config: SequenceConfig) -> Params:

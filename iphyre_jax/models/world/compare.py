@@ -97,7 +97,7 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
     for name, (right, folder) in best.items():
         model = storage.trained_model(folder)
         chosen = {"seeds": len(folders), "chosen by": f"share of right outcomes in {CHOSEN_ON}", "share": right}
-        storage.save_model(name, dataclasses.replace(model, origin={**model.origin, **chosen}), weights)
+        storage.save_model(dataclasses.replace(model, name=name, origin={**model.origin, **chosen}), weights)
     return list(best)
 
 

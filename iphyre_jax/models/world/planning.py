@@ -31,7 +31,7 @@ def model_planner(model: WorldModel, plans: int) -> Agent:
 
 def bounding_agents(plans: int) -> Mapping[str, Agent]:
     """Agents to stand beside the models: some know no physics, some know it all."""
-    falling = WorldImagination(WorldModel(WorldConfig(), (), {}), falls_until_contact)
+    falling = WorldImagination(WorldModel("falls", WorldConfig(), (), {}), falls_until_contact)
     return {
         "doing nothing": do_nothing,
         "random plans": draw_randomly,

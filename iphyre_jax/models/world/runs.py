@@ -7,10 +7,10 @@ from typing import Final
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from rich.console import Console
 
 from iphyre_jax.locks import locked
+from iphyre_jax.models.storage import check_losses
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.plays import learned_plays
 from iphyre_jax.models.world.settings import WorldConfig
@@ -50,8 +50,7 @@ def train(folder: Path, config: WorldConfig, console: Console, plays: Plays | No
                     found = learned_plays(config.data, config.seed, part) if plays is None else plays
                     material = (part, jax.tree.map(jnp.asarray, found))
                 state, loss = train_chunk(config, state, material[1], first)
-                if not np.isfinite(loss):
-                    raise ValueError(f"{folder}: training has diverged: the loss after step {first} is {loss}")
+                check_losses(folder, loss, f"step {first}")
                 losses.append(loss)
                 storage.save(folder, config, state, losses)
                 progress.update(bar, advance=config.chunk, status=f"loss {loss:.4f}")

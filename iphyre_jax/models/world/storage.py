@@ -10,19 +10,17 @@ A trained model is NAME.npz, its parameters in float32, and NAME.json, with the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from iphyre_jax.checks import show
 from iphyre_jax.files import pack_npz, read_json_object, replace_bytes, replace_text
-from iphyre_jax.models.storage import CONFIG, METRICS, STATE, RunFolders, WeightFiles, read_state
+from iphyre_jax.models.storage import CONFIG, METRICS, STATE, RunFolders, TrainedModel, WeightFiles, read_state
 from iphyre_jax.models.world.settings import WorldConfig
-from iphyre_jax.models.world.training import Params, TrainState, start
+from iphyre_jax.models.world.training import TrainState, start
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
@@ -32,6 +30,8 @@ RUNS: Final = RunFolders("iphyre_jax/world-run", WorldConfig)
 FILES: Final = WeightFiles("iphyre_jax/world-model", WorldConfig, "model", np.float32, MAX_STATE)
 LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.world").joinpath("weights")))
+
+WorldModel = TrainedModel[WorldConfig]
 
 
 def save(folder: Path, config: WorldConfig, state: TrainState, losses: list[float]) -> None:
@@ -55,21 +55,6 @@ def load(folder: Path, like: TrainState) -> tuple[TrainState, list[float]] | Non
     return restored(arrays, like, folder / STATE), losses.tolist()
 
 
-@dataclass(frozen=True, eq=False)
-class WorldModel:
-    """A trained world model.
-
-    Attributes:
-        config: settings of its training.
-        params: of its network.
-        origin: how it was chosen and where it was trained.
-    """
-
-    config: WorldConfig
-    params: Params
-    origin: Mapping[str, Any]
-
-
 def trained_model(folder: Path) -> WorldModel:
     """The model of a run as it stands.
 
@@ -82,7 +67,7 @@ def trained_model(folder: Path) -> WorldModel:
         raise FileNotFoundError(f"{folder}: not trained yet, there is no {STATE}")
     described = read_json_object(folder / CONFIG)
     trained = {key: described.get(key) for key in provenance()}  # where it was, not where we are
-    return WorldModel(config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": trained})
+    return WorldModel(config.name, config, saved[0].params, {"steps": len(saved[1]) * config.chunk, "trained": trained})
 
 
 def named_file(name: str) -> Path:
@@ -112,9 +97,9 @@ def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     return FILES.names(folder)
 
 
-def save_model(name: str, model: WorldModel, folder: Path = WEIGHTS) -> None:
+def save_model(model: WorldModel, folder: Path = WEIGHTS) -> None:
     """Write the two files of a model."""
-    FILES.save(folder, name, model.config, model.params, model.origin)
+    FILES.save(folder, model)
 
 
 def load_model(name: str, folder: Path = WEIGHTS) -> WorldModel:
@@ -123,5 +108,4 @@ def load_model(name: str, folder: Path = WEIGHTS) -> WorldModel:
     Raises:
         ValueError: one line; the name is unknown, or its files are damaged.
     """
-    config, params, origin = FILES.load(folder, name, lambda config: start(config).params)
-    return WorldModel(config, params, origin)
+    return FILES.load(folder, name, lambda config: start(config).params)

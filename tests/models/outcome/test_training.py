@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from rich.console import Console
@@ -14,7 +16,7 @@ from iphyre_jax.models.outcome import metrics, runs, storage, training
 from iphyre_jax.models.outcome.agent import draw_randomly, ranking_agent
 from iphyre_jax.models.outcome.settings import OutcomeConfig, settings
 from iphyre_jax.models.settings import settings_of
-from iphyre_jax.models.storage import METRICS
+from iphyre_jax.models.storage import METRICS, STATE
 from tests.models.outcome.made_up import made_up
 
 QUIET = Console(quiet=True)
@@ -59,6 +61,17 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.OutcomeState], t
     for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
     assert (folder / METRICS).read_bytes() == (trained[0] / METRICS).read_bytes()
+
+
+def test_what_diverged_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverged(config: OutcomeConfig, material: Any, first: Any, state: Any) -> tuple[Any, training.History]:
+        made = jnp.full((config.chunk, config.seeds), jnp.inf)
+        return state, training.History(made, made, made)
+
+    monkeypatch.setattr(runs, "train_chunk", diverged)
+    with pytest.raises(ValueError, match=r"training has diverged: after epoch 0 a loss is inf$"):
+        runs.train(tmp_path / "run", CONFIG, LEARNED, HELD, QUIET)
+    assert not (tmp_path / "run" / STATE).exists()
 
 
 def test_other_plays_are_refused(trained: tuple[Path, training.OutcomeState]) -> None:

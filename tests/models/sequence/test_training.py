@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from iphyre_jax.models.sequence.episodes import SequenceData, episodes
 from iphyre_jax.models.sequence.networks import SequenceModel
 from iphyre_jax.models.sequence.settings import SequenceConfig, settings
 from iphyre_jax.models.settings import settings_of
-from iphyre_jax.models.storage import METRICS
+from iphyre_jax.models.storage import METRICS, STATE
 from tests.models.sequence.made_up import made_up
 
 QUIET = Console(quiet=True)
@@ -66,9 +67,19 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], 
         runs.train(folder, CONFIG, DATA, {**ORIGIN, "sha256": "1"}, QUIET)
 
 
+def test_what_diverged_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverged(config: SequenceConfig, arrays: Any, first: Any, state: Any) -> tuple[Any, np.ndarray]:
+        return state, np.full((config.chunk, config.seeds), np.nan, np.float32)
+
+    monkeypatch.setattr(runs, "train_chunk", diverged)
+    with pytest.raises(ValueError, match=r"training has diverged: after update 0 a loss is nan$"):
+        runs.train(tmp_path / "run", CONFIG, DATA, ORIGIN, QUIET)
+    assert not (tmp_path / "run" / STATE).exists()
+
+
 def test_ships_what_it_was(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
     params = storage.rounded(training.of_seed(trained[1].params, 1))
-    storage.save_model(storage.TrainedModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
+    storage.save_model(storage.TrainedSequenceModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
     loaded = storage.load_model(CONFIG.name, tmp_path)
     assert loaded.config == dataclasses.replace(CONFIG, seeds=1)
     for one, other in zip(jax.tree.leaves(params), jax.tree.leaves(loaded.params), strict=True):

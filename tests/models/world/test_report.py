@@ -91,9 +91,9 @@ def test_the_more_frequent_outcome_is_that_of_other_plays(monkeypatch: pytest.Mo
 
 def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     saved: dict[str, storage.WorldModel] = {}
-    monkeypatch.setattr(storage, "save_model", lambda name, model, folder: saved.update({name: model}))
+    monkeypatch.setattr(storage, "save_model", lambda model, folder: saved.update({model.name: model}))
     monkeypatch.setattr(
-        storage, "trained_model", lambda folder: storage.WorldModel(storage.RUNS.read_config(folder), (), {})
+        storage, "trained_model", lambda folder: storage.WorldModel("", storage.RUNS.read_config(folder), (), {})
     )
     folders = [tmp_path / f"objects-100-{seed}" for seed in (0, 2, 1)]
     for folder, seed in zip(folders, (0, 2, 1), strict=True):

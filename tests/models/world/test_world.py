@@ -122,7 +122,7 @@ def test_objects_learns_and_ships(tmp_path: Path) -> None:
     model = storage.trained_model(tmp_path / "run")
     assert model.origin["steps"] == OBJECTS.steps
     assert model.origin["trained"]["machine"]
-    storage.save_model("one", model, tmp_path)
+    storage.save_model(dataclasses.replace(model, name="one"), tmp_path)
     loaded = storage.load_model("one", tmp_path)
     for one, other in zip(jax.tree.leaves(model.params), jax.tree.leaves(loaded.params), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -134,7 +134,7 @@ def test_objects_learns_and_ships(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_imagination_keeps_the_rules() -> None:
     """With the bound that stops at the first contact: "support" is solved once both blocks are gone."""
-    model = storage.WorldModel(OBJECTS, PARAMS, {})
+    model = storage.WorldModel("objects", OBJECTS, PARAMS, {})
     imagination = WorldImagination(model, falls_until_contact)
     found = imagination.imagined("support", [[0.1, 0.1], [np.nan, np.nan]])
     assert found.success.tolist() == [True, False]
@@ -156,7 +156,9 @@ def test_imagination_ends_with_the_episode(predictions: int, success: bool, step
     def falls(params: object, memory: Any, rows: jax.Array, gone: jax.Array) -> tuple[jax.Array, Any]:
         return rows.at[:, :, np.array([1, 3])].add(fall), memory
 
-    found = WorldImagination(storage.WorldModel(OBJECTS, PARAMS, {}), falls).imagined("support", [[np.nan, np.nan]])
+    found = WorldImagination(storage.WorldModel("objects", OBJECTS, PARAMS, {}), falls).imagined(
+        "support", [[np.nan, np.nan]]
+    )
     assert (found.success.tolist(), found.steps.tolist()) == ([success], [step])
 
 
