@@ -143,7 +143,9 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
     try:
         state = _load(run / FOLDER / chosen, config, whole=to_resume)
     except Exception as error:  # orbax raises many kinds
-        raise ValueError(f"{run / FOLDER / chosen}: {_first_line(error)}; {_offer(run, config, chosen)}") from None
+        raise ValueError(
+            f"{run / FOLDER / chosen}: {_first_line(error)}; {_offer(run, config, chosen, to_resume)}"
+        ) from None
     if to_resume:
         _same_versions(run / FOLDER / chosen)
     return state
@@ -158,13 +160,13 @@ def _same_versions(path: Path) -> None:
         raise ValueError(f"{path}: written with {was}, here is {', '.join(other)}: it can be evaluated, not resumed")
 
 
-def _offer(run: Path, config: TrainConfig, damaged: str) -> str:
+def _offer(run: Path, config: TrainConfig, damaged: str, to_resume: bool) -> str:
     """Name the newest other checkpoint that is good."""
     for name in reversed(names(run)):
         if name == damaged:
             continue
         try:
-            _load(run / FOLDER / name, config, whole=True)
+            _load(run / FOLDER / name, config, whole=to_resume)
         except Exception:  # noqa: S112 - not good either, whatever the reason
             continue
         return f"the last good one is {name}: --checkpoint {name}"
@@ -182,6 +184,8 @@ def _load(path: Path, config: TrainConfig, *, whole: bool) -> RunState:
     """Verify one checkpoint, and read all of it or what plays."""
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
     written = manifest.verify(path, config, _bytes(named_arrays(like)))
+    if written < manifest.FORMAT and config.head == "uniform" and config.agent != "random":
+        raise ValueError('its head "uniform" offered no slots without a block: it cannot be played on')
     if not whole:
         like = like._replace(learner=algorithm(config).inference_state(like.learner))
     elif written < manifest.FORMAT and isinstance(config.learner, OffPolicy):
