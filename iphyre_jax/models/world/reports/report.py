@@ -30,10 +30,13 @@ that is only imagined?
 * Plays: 60 steps a second, rule "simulate", fresh space (reset 1), random plans of the official distribution. Learned
   from: basic games, and variations of them for "unlimited". The plays judged here are others; but random plans of games
   with two blocks repeat, so a few plays of basic games were learned from too.
-* `objects` is ours; `mdrnn` is the paper's with four repairs; the number behind it counts its gradient steps, that
-  behind `objects` its plays.
-* Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. Plays are judged in float32,
-  planned attempts in float64.
+* `objects` is ours; `mdrnn` is the paper's with repairs (`networks/mdrnn.py`); the number behind it counts its gradient
+  steps, that behind `objects` its plays.
+* Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. `objects` and free fall
+  are given the velocities of that moment. `mdrnn` sees its table alone, and begins with an empty memory: these errors
+  are those of a model that does not know the speeds. Imagined outcomes and plans begin at rest.
+* Outcomes are of 10 plays of each game, 100 in a column: differences of some 5 points can be chance.
+* Plays are judged in float32, planned attempts in float64.
 * Mean over seeds ± standard deviation; a row without ± has one seed.
 * `models/world/`, beside this page, has settings, log and scores of each row.
 """
