@@ -135,10 +135,10 @@ def _row(compute: Compute, same: bool) -> Row:
     """Curves and best rewards of every game, as JSON values; `same`: all attempts are draws of one distribution."""
     played = compute()
     runs, k = played.success.shape[1:]
-    curve = solved_curve(played.success)
+    curve, best = solved_curve(played.success), best_reward(played.reward)
     if same and k == MOST:
         curve = solved_curve_of_independent(played.success.sum(axis=(1, 2)), runs * k, k)
-    best = best_reward(played.reward)
+        best = best_reward(played.reward.reshape(len(played.games), -1, PEOPLE))
     return {
         "games": list(played.games),
         "solved": {game: curve[row].tolist() for row, game in enumerate(played.games)},
@@ -154,20 +154,30 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
         "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
+        "Improve best draws random plans until one solves the game, so that it solves as many as random plans do. "
         "Shipped policies, each the best of five seeds on the basic games and their unseen layouts, and the sequence "
         "model, one seed, try their greedy plan first, then sample. The policy "
         f"that is fine-tuned learns on the game after each {BATCH} attempts, beside one like it that begins from "
         "scratch. The hand-written "
-        f"replies are no model's: they show that the language-model agent works. Physics: {DTYPE}; policies: as "
-        "trained. A row of k attempts has no figure beyond k; one that always repeats itself keeps its first.",
+        f"replies are no model's: they show that the language-model agent works. Physics: {DTYPE}; of policies: "
+        "as they were trained. A policy that was trained at another rate says so. A row of k attempts has no figure "
+        "beyond k; one that always repeats itself keeps its first.",
     ]
     for fps, rows in tables.items():
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")
         if missing.get(fps):
             parts.append(f"Still missing: {'; '.join(missing[fps])}.")
         if rows:
-            parts += ["### AUCCESS@5", _auccess_table(rows), "### All forty games", _games_table(rows, fps)]
+            titled = {_title(name, fps): row for name, row in rows.items()}
+            parts += ["### AUCCESS@5", _auccess_table(titled), "### All forty games", _games_table(titled, fps)]
     return "\n\n".join(parts) + "\n"
+
+
+def _title(name: str, fps: int) -> str:
+    """The name of a row, with the rate of training of a policy that was trained at another one."""
+    policy = name.split(", ")[0]
+    trained_at = load_pretrained(policy).config.fps if policy in names() else fps
+    return name if trained_at == fps else f"{name} (trained at {trained_at} fps)"
 
 
 def _auccess_table(rows: Mapping[str, Row]) -> str:
