@@ -154,6 +154,7 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
         "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
+        "Random plans of few blocks repeat, and a planner tries equal plans again. "
         "Improve best draws random plans until one solves the game, so that it solves as many as random plans do. "
         "Shipped policies, each the best of five seeds on the basic games and their unseen layouts, and the sequence "
         "model, one seed, try their greedy plan first, then sample. The policy "

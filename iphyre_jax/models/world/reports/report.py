@@ -36,7 +36,8 @@ that is only imagined?
   are given the velocities of that moment. `mdrnn` sees its table alone, and begins with an empty memory: these errors
   are those of a model that does not know the speeds. Imagined outcomes and plans begin at rest.
 * Outcomes are of 10 plays of each game, 100 in a column: differences of some 5 points can be chance.
-* Plays are judged in float32, planned attempts in float64.
+* Plays are judged in float32, planned attempts in float64. Random plans of few blocks repeat, and a planner tries equal
+  plans again: for a model that tells little, five attempts are fewer plans.
 * Mean over seeds ± standard deviation; a row without ± has one seed.
 * `models/world/`, beside this page, has settings, log and scores of each row.
 """
