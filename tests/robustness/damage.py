@@ -57,7 +57,7 @@ def other_version(file: Path, rng: random.Random) -> str:
     """The manifest of another format, with a sum that fits."""
     written = next(folder for folder in file.parents if (folder / manifest.MANIFEST).is_file()) / manifest.MANIFEST
     content = json.loads(written.read_text())
-    content["format"] = rng.choice([0, 3, 4, "2", None])
+    content["format"] = rng.choice([0, manifest.FORMAT + 1, manifest.FORMAT + 2, "2", None])
     written.write_text(json.dumps(content))
     written.with_name(manifest.SUM).write_text(f"{file_sum(written)}\n")
     return f"format {content['format']!r}"
