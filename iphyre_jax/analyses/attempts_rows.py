@@ -12,7 +12,7 @@ import numpy as np
 from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
-from iphyre_jax.analyses.shipped import shipped_model
+from iphyre_jax.analyses.shipped import policies, shipped_model
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
 from iphyre_jax.attempts.fine_tuning import BATCH, LEARNING_RATE, FineTuned
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
@@ -164,20 +164,20 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "as they were trained. A policy that was trained at another rate says so. A row of k attempts has no figure "
         "beyond k; one that always repeats itself keeps its first.",
     ]
+    rates = {policy.name: policy.fps for policy in policies()}
     for fps, rows in tables.items():
         parts.append(f"## {fps} steps a second, reset {RESETS[fps]}")
         if missing.get(fps):
             parts.append(f"Still missing: {'; '.join(missing[fps])}.")
         if rows:
-            titled = {_title(name, fps): row for name, row in rows.items()}
+            titled = {_title(name, fps, rates): row for name, row in rows.items()}
             parts += ["### AUCCESS@5", _auccess_table(titled), "### All forty games", _games_table(titled, fps)]
     return "\n\n".join(parts) + "\n"
 
 
-def _title(name: str, fps: int) -> str:
-    """The name of a row, with the rate of training of a policy that was trained at another one."""
-    policy = name.split(", ")[0]
-    trained_at = load_pretrained(policy).config.fps if policy in names() else fps
+def _title(name: str, fps: int, rates: Mapping[str, int]) -> str:
+    """The name of a row, with the rate of training, one of `rates`, of a policy that was trained at another one."""
+    trained_at = rates.get(name.split(", ")[0], fps)
     return name if trained_at == fps else f"{name} (trained at {trained_at} fps)"
 
 

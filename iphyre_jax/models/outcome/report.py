@@ -50,8 +50,7 @@ learn from, unless the column says so.
   a small network trained from scratch on our pictures: the paper's needs weights from elsewhere.
 * `relations` is ours. It learns up to 1,000 + 1,000 plans of each basic game, plans of variations of the basic games
   with added blocks, and plans of generated scenes, which are near no test game. `relations-basic` has no generated
-  scenes.
-  Which of the two is the preset was chosen on other plans of basic games and on unseen basic games.
+  scenes. Which of the two is the preset was chosen on other plans of basic games and on unseen basic games.
 * "plan" sees only the plan, "scene" only the scene. Counting judges by the number of removals.
 * Mean over seeds ± standard deviation. One row of the paper is one run.
 * `models/outcome/`, beside this page, has settings, log and scores of each row.

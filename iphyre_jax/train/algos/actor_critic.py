@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import optax
 
 from iphyre_jax.train.algos.advantage import advantages
-from iphyre_jax.train.algos.base import Algorithm, Metrics, descend, forward, global_norm, jitted
+from iphyre_jax.train.algos.base import Algorithm, Metrics, active_first, descend, forward, global_norm, jitted
 from iphyre_jax.train.algos.networks import NOTHING, POLICY_SCALE, VALUE_SCALE, Params
 from iphyre_jax.train.collect import PolicyOutput, Trajectory
 from iphyre_jax.train.hazard import Hazard, median_action
@@ -192,7 +192,7 @@ class ActorCritic(Algorithm[S]):
         if samples == count:
             order = jax.random.permutation(key, count)
         else:
-            order = jnp.argsort(jax.random.uniform(key, (count,)) + (1.0 - batch.weight))[:samples]
+            order = active_first(key, batch.weight)[:samples]
             order = jax.random.permutation(jax.random.fold_in(key, 1), order)  # inactive ones fall anywhere
         parts = order.reshape(self.settings.minibatches, -1)
         return Minibatch(jax.tree.map(lambda leaf: leaf[parts], batch))

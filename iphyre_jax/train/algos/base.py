@@ -162,6 +162,11 @@ def global_norm(tree: Params) -> jax.Array:
     return jnp.sqrt(sum((jnp.square(leaf).sum() for leaf in jax.tree.leaves(tree)), jnp.zeros(())))
 
 
+def active_first(key: jax.Array, weight: jax.Array) -> jax.Array:
+    """(N,) indices of rows in random order, those of weight (N,) 1 or True before those of 0 or False."""
+    return jnp.argsort(jax.random.uniform(key, weight.shape) + (1.0 - weight))
+
+
 def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:
     """() mean of the values of weight 1; 0 if there are none."""
     return (values * weight).sum() / jnp.maximum(weight.sum(), 1.0)

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.train.algos.advantage import POINTS
+from iphyre_jax.train.algos.base import active_first
 from iphyre_jax.train.collect import Trajectory
 from iphyre_jax.train.settings.agents import OffPolicy
 from iphyre_jax.train.settings.run import TrainConfig
@@ -73,7 +74,7 @@ def add(config: TrainConfig, settings: OffPolicy, buffer: Buffer, trajectory: Tr
     """Add the transitions of an update that come from episodes that went on; if there are too many, a random subset."""
     whole, active = transitions(settings, trajectory), trajectory.active.reshape(-1)
     rows, capacity = settings.rows(config.decisions_per_update), buffer.transitions.reward.shape[0]
-    order = jnp.argsort(jax.random.uniform(key, active.shape) + jnp.where(active, 0.0, 1.0))[:rows]
+    order = active_first(key, active)[:rows]
     count = active[order].sum(dtype=jnp.int32)  # they come first
     place = jnp.arange(rows)
     row = jnp.where(place < count, (buffer.position + place) % capacity, capacity)  # past the end: written nowhere

@@ -185,12 +185,10 @@ def _load(path: Path, config: TrainConfig, *, whole: bool) -> RunState:
     """Verify one checkpoint, and read all of it or what plays."""
     like = jax.eval_shape(lambda: _storable(trainer.start(config)))
     written = manifest.verify(path, config, _bytes(named_arrays(like)))
-    if written < manifest.FORMAT and config.head == "uniform" and config.agent != "random":
-        raise ValueError('its head "uniform" offered no slots without a block: it cannot be played on')
+    if written < manifest.FORMAT:
+        _check_older(config, whole)
     if not whole:
         like = like._replace(learner=algorithm(config).inference_state(like.learner))
-    elif written < manifest.FORMAT and isinstance(config.learner, OffPolicy):
-        raise ValueError("its replay buffer is of an older form: it can be evaluated, not resumed")
     expected = named_arrays(like)
     with _quiet(), ocp.Checkpointer(ocp.PyTreeCheckpointHandler()) as checkpointer:
         stored = checkpointer.metadata((path / STATE).absolute()).item_metadata.tree
@@ -213,6 +211,14 @@ def _load(path: Path, config: TrainConfig, *, whole: bool) -> RunState:
         decisions=np.asarray(restored.decisions),
         curriculum=jax.tree.map(np.asarray, restored.curriculum),
     )
+
+
+def _check_older(config: TrainConfig, whole: bool) -> None:
+    """Refuse what checkpoints of older formats cannot give to runs of today."""
+    if config.head == "uniform" and config.agent != "random":
+        raise ValueError('its head "uniform" offered no slots without a block: it cannot be played on')
+    if whole and isinstance(config.learner, OffPolicy):
+        raise ValueError("its replay buffer is of an older form: it can be evaluated, not resumed")
 
 
 def _storable(state: RunState) -> RunState:
