@@ -26,8 +26,10 @@ import tyro
 from numpy.typing import NDArray
 
 import iphyre_jax
+from benchmarks.learning.rows import rows as agent_rows
 from benchmarks.worker_pool import ROOT
 from benchmarks.workload import make_workload
+from iphyre_jax.checks import check_option
 from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
@@ -36,6 +38,7 @@ from iphyre_jax.execution.programs import Score, pack_timing, world_layout
 from iphyre_jax.provenance import CORE, made_by, provenance
 from iphyre_jax.scenes.compile import step_timing
 from iphyre_jax.scenes.scene import Scene
+from iphyre_jax.train.trainer import Trainer, start
 from parity.command import require_at_least
 
 DECISIONS = 64  # of each world, in one scan
@@ -44,13 +47,13 @@ REPEATS = 5
 DTYPES = ("float64", "float32")
 FORMS = {"kernel": "one kernel", "operations": "a kernel for each fused operation"}
 
-Part = Literal["steps", "decisions", "agreement"]
+Part = Literal["steps", "decisions", "training", "agreement"]
 Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Measure physics steps and decisions a second on JAX's first device, and compare its plays with the CPU's.
+    """Measure steps, decisions and training on JAX's first device, and compare its plays with the CPU's.
 
     Attributes:
         parts: what to measure.
@@ -58,6 +61,7 @@ class Options:
         lanes: worlds of a batch.
         splits: games of the table of decisions: a game, "basic", "all" ...
         worlds: worlds of a loop of decisions.
+        agents: rows of docs/results/results.md that are trained, seed 0.
         plans: plans of each of the forty games that are compared.
         fps: physics steps a second; a decision lasts 0.1 s.
     """
@@ -67,6 +71,7 @@ class Options:
     lanes: tuple[int, ...] = (1024, 16384, 131072)
     splits: tuple[str, ...] = ("hole", "basic", "all")
     worlds: tuple[int, ...] = (1024, 16384, 65536)
+    agents: tuple[str, ...] = ("ppo-i", "ddpg-i", "sac-i", "ppo-o", "dqn-o", "sac-c")
     plans: int = 100
     fps: Literal[10, 60] = 10
 
@@ -163,6 +168,23 @@ def loop_of(split: str, worlds: int, fps: int) -> Callable[[jax.Array], jax.Arra
     return loop
 
 
+def training(options: Options) -> Iterator[Row]:
+    """Default agents, with the time until they have made their first update, which compiles, and of the other updates.
+
+    Rewards are those of greedy actions in the training games after the last update.
+    """
+    yield "agent", "s to the first update", "updates", "ms for each other update", "mean reward"
+    for name in options.agents:
+        config = agent_rows()[name]
+        begun = time.perf_counter()
+        trainer = Trainer(config, start(config))
+        found = [trainer.update_step()]
+        first = time.perf_counter() - begun
+        found += [trainer.update_step() for _ in range(1, config.updates)]
+        each = (time.perf_counter() - begun - first) / max(config.updates - 1, 1)
+        yield name, f"{first:.1f}", f"{config.updates}", f"{1e3 * each:.1f}", f"{found[-1]['greedy_reward']:.1f}"
+
+
 def agreement(options: Options) -> Iterator[Row]:
     """Random plans of all forty games, beside the same plays on the CPU, which in float64 are pymunk's.
 
@@ -200,6 +222,7 @@ def played(platform: str, dtype: str, options: Options) -> tuple[NDArray[Any], N
 TABLES: dict[Part, Callable[[Options], Iterator[Row]]] = {
     "steps": steps,
     "decisions": decisions,
+    "training": training,
     "agreement": agreement,
 }
 
@@ -216,6 +239,8 @@ def main(arguments: list[str] | None = None) -> int:
         require_at_least(options, plans=1)
         if on_cpu():
             raise ValueError("expected a GPU: JAX's first device is a CPU")
+        for name in options.agents:
+            check_option("agents", name, tuple(agent_rows()))
     except ValueError as error:
         print(error, file=sys.stderr)
         return 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +17,7 @@ from iphyre_jax.analyses.shipped import policies, shipped_model
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
 from iphyre_jax.attempts.fine_tuning import BATCH, LEARNING_RATE, FineTuned
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
-from iphyre_jax.attempts.planner import Planner
+from iphyre_jax.attempts.planner import LEFT_OUT, Planner
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
 from iphyre_jax.intervals import mean_interval
@@ -55,11 +56,10 @@ def specifications(fps: int) -> dict[str, Specification]:
         play = partial(attempts, agent, k, feedback=feedback, runs=runs, **plain)
         return {**plain, "k": k, "runs": runs, "feedback": feedback, "seed": 0}, play
 
-    planners = {
-        f"planner, {sigma:g} px, {plans} plans": row(Planner(plans, sigma, **common), 5, 2)
-        for sigma in (0.0, 1.0, 2.0, 5.0)
-        for plans in (100, 300)
-    }
+    planners = {}
+    for sigma, plans in product((0.0, 1.0, 2.0, 5.0), (100, 300)):
+        settings, play = row(Planner(plans, sigma, **common), 5, 2)
+        planners[f"planner, {sigma:g} px, {plans} plans"] = {**settings, **LEFT_OUT}, play
     found = {
         "do nothing": row(do_nothing, 1, 1),
         "random plans": row(draw_randomly, MOST, 5),
@@ -68,7 +68,8 @@ def specifications(fps: int) -> dict[str, Specification]:
         **planners,
     }
     for name in world_models.names() if fps == IMAGINED else ():
-        tried = {**plain, **shipped_model("world model", name, world_models.WEIGHTS), "k": 5, "runs": 2, "plans": PLANS}
+        model = shipped_model("world model", name, world_models.WEIGHTS)
+        tried = {**plain, **model, **LEFT_OUT, "k": 5, "runs": 2, "plans": PLANS}
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     judges = set(classifiers.names()) - set(classifiers.rankers())  # of random plans; rankers are in carry-over
     for name in sorted(judges) if fps == CLASSIFIED else ():
@@ -153,8 +154,7 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
         "# Attempts",
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
         "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
-        "are made too. Classifiers judge random plans and play the best; a planner in a world model imagines them. "
-        "Random plans of few blocks repeat, and a planner tries equal plans again. "
+        "are made too. Classifiers judge different random plans and play the best; a planner imagines them. "
         "Improve best draws random plans until one solves the game, so that it solves as many as random plans do. "
         "Shipped policies, each the best of five seeds on the basic games and their unseen layouts, and the sequence "
         "model, one seed, try their greedy plan first, then sample. The policy "

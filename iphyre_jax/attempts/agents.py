@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,12 @@ def random_plans(rng: np.random.Generator, blocks: int, count: int) -> Floats:
     order = rng.permuted(np.tile(np.arange(INSTANTS), (count, 1)), axis=1)[:, :blocks]
     stays = (order == 0) | (rng.random((count, blocks)) < STAYS)
     return np.where(stays, np.nan, order / DECISIONS_PER_SECOND)
+
+
+def unrepeated(plans: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.bool_]:
+    """Return which of plans (N, S) s no earlier one equals, (N,); NaN, for never, equals NaN."""
+    _, first = np.unique(np.nan_to_num(plans, nan=-1.0), axis=0, return_index=True)
+    return np.isin(np.arange(len(plans)), first)
 
 
 def do_nothing(scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:

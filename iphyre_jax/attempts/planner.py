@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.attempts.agents import random_plans
+from iphyre_jax.attempts.agents import random_plans, unrepeated
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import check_dtype, check_least, check_resets, check_whole, whole_fps
 from iphyre_jax.plans import plan_to_steps
@@ -23,13 +23,15 @@ from iphyre_jax.simulation import simulate_many
 
 Floats = npt.NDArray[np.float64]
 
+LEFT_OUT: Final = {"repeated plans": "left out"}  # in the settings of a planner's row; earlier rows had them
+
 
 @dataclass(frozen=True)
 class Planner:
     """An agent that plays the best of its imagined plans, by mean imagined reward.
 
     Attributes:
-        plans: imagined plans.
+        plans: that are drawn; different ones are imagined.
         sigma: px, standard deviation of each object's displacement in x and in y; 0 for none.
         copies: displaced scenes in which each plan is imagined; without displacement one is enough.
         fps: physics steps a second, in the imagination.
@@ -53,14 +55,31 @@ class Planner:
         check_dtype(self.dtype)
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans, the best first; those imagined first are first among equals."""
+        """Propose the k best plans as `best_plans` gives them."""
         del past
         if k > self.plans:
             raise ValueError(f"plans: expected at least {k} imagined plans for as many attempts, got {self.plans}")
-        times = random_plans(rng, len(scene.eliminable_blocks), self.plans)
+        times = different_plans(rng, scene, self.plans)
         scenes = displaced(scene, self.copies, self.sigma, rng) if self.sigma else [scene]
         imagined = imagined_rewards(scenes, times, fps=self.fps, resets=self.resets, dtype=self.dtype)
-        return times[preferred(imagined)[:k]]
+        return best_plans(times, imagined, k)
+
+
+def different_plans(rng: np.random.Generator, scene: Scene, count: int) -> Floats:
+    """Draw `random_plans` of a scene and leave out repeated ones, (N, S) s with N at most `count`."""
+    times = random_plans(rng, len(scene.eliminable_blocks), count)
+    return times[unrepeated(times)]
+
+
+def best_plans(times: Floats, imagined: Floats, k: int) -> Floats:
+    """Return the k best plans, (k, S) s, the best first; if there are fewer, they come again.
+
+    Args:
+        times: (N, S) s.
+        imagined: their rewards, (K, N) points, as `preferred` takes them.
+        k: how many.
+    """
+    return times[np.resize(preferred(imagined), k)]
 
 
 def imagined_rewards(

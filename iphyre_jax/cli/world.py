@@ -10,8 +10,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from iphyre_jax.attempts.agents import random_plans
-from iphyre_jax.attempts.planner import preferred
+from iphyre_jax.attempts.planner import different_plans, preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option
 from iphyre_jax.cli.signals import resumable
@@ -75,7 +74,7 @@ class PlanInModel:
     model: str = "objects-unlimited"
     """A model of the package, or a run folder."""
     plans: int = 300
-    """Imagined plans."""
+    """That are drawn; different ones are imagined."""
     best: int = 5
     """How many of them are played and shown."""
     seed: int = 0
@@ -185,7 +184,7 @@ def _plan(action: PlanInModel, console: Console) -> None:
     check_whole("best", action.best, 1, action.plans)
     check_whole("seed", action.seed, 0)
     model = storage.named_model(action.model)
-    times = random_plans(np.random.default_rng(action.seed), len(scene.eliminable_blocks), action.plans)
+    times = different_plans(np.random.default_rng(action.seed), scene, action.plans)
     imagined = WorldImagination(model)(scene, times)
     best = preferred(imagined[None])[: action.best]
     played = simulate(scene, plan_to_steps(times[best], 60, "simulate"), fps=60, dtype="float64")

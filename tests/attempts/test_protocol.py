@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, simulate
-from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best, random_plans
+from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best, random_plans, unrepeated
 from iphyre_jax.attempts.planner import Planner, displaced
 from iphyre_jax.attempts.protocol import Attempt, attempts
 from iphyre_jax.plans import plan_to_steps
@@ -100,6 +100,19 @@ def test_planner_without_displacement_plays_a_plan_that_solves() -> None:
     found = attempts(Planner(plans=40), 2, games=[GAME], runs=2)
     assert found.success.all()
     assert (found.reward[..., 0] >= found.reward[..., 1] - 1e-3).all()
+
+
+def test_a_planner_tries_no_plan_twice_while_there_are_others() -> None:
+    """The only block of this scene stays in every fifth plan, so among 30 plans most that rank high are equal."""
+    scene, rng = load_scene("impulse_pendulum"), np.random.default_rng(0)
+    drawn = random_plans(np.random.default_rng(0), len(scene.eliminable_blocks), 30)
+    assert unrepeated(np.array([[1.0, np.nan], [np.nan, 1.0], [1.0, np.nan], [2.0, 1.0]])).tolist() == [1, 1, 0, 1]
+    assert unrepeated(drawn).sum() < 30
+    plans = Planner(plans=30)(scene, 20, rng, [])
+    assert unrepeated(plans).all()
+    few = Planner(plans=30)(scene, 30, np.random.default_rng(0), [])
+    np.testing.assert_array_equal(few[:20], plans)
+    assert unrepeated(few).sum() == unrepeated(drawn).sum()  # then the best come again
 
 
 def test_planner_needs_as_many_plans_as_attempts() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import iphyre_jax
 from benchmarks import accelerator
 from benchmarks.accelerator import Options
+from iphyre_jax.train.settings.run import preset
 
 pytestmark = pytest.mark.usefixtures("few_optimisations")
 
@@ -31,6 +33,21 @@ def test_steps_and_decisions_are_told_row_by_row(
     cells = [row.strip("| ").split(" | ") for row in rows]
     assert [row[1] for row in cells] == ["32", "32", "4"]
     assert all(float(number) >= 0 for row in cells for number in row[-2:])
+
+
+@pytest.mark.slow
+def test_agents_are_trained_and_unknown_ones_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accelerator, "on_cpu", lambda: False)
+    assert accelerator.main(["--parts", "training", "--agents", "ppo"]) == 2
+    assert capsys.readouterr().err.startswith("agents: expected one of ")
+    short = replace(preset(name="quick"), updates=2, episodes_per_scene=8, games=("support",))
+    monkeypatch.setattr(accelerator, "agent_rows", lambda: {"ppo-i": short})
+    names, row = accelerator.training(Options(agents=("ppo-i",)))
+    assert dict(zip(names, row, strict=True))["updates"] == "2"
+    assert [float(number) > 0 for number in (row[1], row[3])] == [True, True]
+    assert -50 < float(row[4]) < 1000
 
 
 def test_agreement_is_counted_play_by_play(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.analyses.imagination.imagined import Played
 from iphyre_jax.attempts.planner import preferred
 
 SOLVED: Final = 500.0  # points; a solved play has more, any other has less
@@ -17,18 +18,18 @@ Floats = npt.NDArray[np.float64]
 
 
 def tried(imagined: Floats, real: Floats, learning: bool) -> Floats:
-    """Return the rewards of a planner's attempts, (TRIES,) points.
+    """Return the rewards of a planner's attempts, points: TRIES of them, or all N.
 
     Args:
-        imagined: (K, N) points, in each of the K scenes that the planner believes in.
-        real: (N,) points; at least TRIES.
+        imagined: (K, N) points of different plans, in each of the K scenes that the planner believes in.
+        real: (N,) points.
         learning: it sees how an attempt ended, and trusts scenes less that had foretold another outcome. Else it
             gives all its plans at once.
     """
     weights = np.ones(len(imagined))
     left = np.ones(imagined.shape[1], bool)
     rewards = []
-    for _ in range(TRIES):
+    for _ in range(min(TRIES, len(real))):
         order = preferred(imagined, weights)
         plan = order[left[order]][0]
         left[plan] = False
@@ -39,14 +40,18 @@ def tried(imagined: Floats, real: Floats, learning: bool) -> Floats:
     return np.array(rewards)
 
 
-def best_after(imagined: Floats, real: Floats, plans: int, learning: bool = False) -> Floats:
-    """Return the best reward after 1, ..., TRIES attempts in each draw, (draws, TRIES) points.
+def best_after(imagined: Floats, real: Played, plans: int, learning: bool = False) -> Floats:
+    """Return the best reward after 1, ..., TRIES attempts in each draw, (draws, TRIES) points; no plan is tried twice.
 
     Args:
         imagined: (draws, K, PLANS) points.
-        real: (draws, PLANS) points.
-        plans: the first so many are imagined, at least TRIES.
+        real: how the same plans end.
+        plans: the first so many are imagined, without the repeated ones.
         learning: see `tried`.
     """
-    rewards = [tried(own[:, :plans], ends[:plans], learning) for own, ends in zip(imagined, real, strict=False)]
-    return np.maximum.accumulate(np.array(rewards), axis=1)
+    found = []
+    for own, ends, new in zip(imagined, real.reward, real.unrepeated, strict=False):
+        which = np.flatnonzero(new[:plans])
+        best = np.maximum.accumulate(tried(own[:, which], ends[which], learning))
+        found.append(best[np.minimum(np.arange(TRIES), len(best) - 1)])
+    return np.array(found)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.analyses.shipped import shipped_model
-from iphyre_jax.attempts.agents import random_plans
+from iphyre_jax.attempts.agents import random_plans, unrepeated
 from iphyre_jax.attempts.planner import displaced, imagined_rewards
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
@@ -37,6 +37,13 @@ POLICY: Final = "ppo-i-objects"
 FROM_POLICY: Final = 0.7  # share of its plans among the proposals of kind "policy"; the rest is random
 IMAGINED_DTYPE: Final = "float32"
 WORLD_DTYPE: Final = "float64"
+
+
+class Played(NamedTuple):
+    """How proposed plans really end, and which of them no earlier one of their draw equals."""
+
+    reward: Floats  # (draws, PLANS) points
+    unrepeated: npt.NDArray[np.bool_]  # (draws, PLANS)
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,11 @@ def _imagine(game: str, how: Imagination) -> Row:
 def _play(game: str, proposals: Proposals, draws: int) -> Row:
     scene = load_scene(game)
     real = partial(imagined_rewards, [scene], fps=WORLD_FPS, resets=RESETS, dtype=WORLD_DTYPE)
-    return {"reward": [np.round(real(proposed(game, draw, proposals))[0], 3).tolist() for draw in range(draws)]}
+    plans = [proposed(game, draw, proposals) for draw in range(draws)]
+    return {
+        "reward": [np.round(real(times)[0], 3).tolist() for times in plans],
+        "unrepeated": [unrepeated(times).tolist() for times in plans],
+    }
 
 
 def _model_of(proposals: Proposals) -> dict[str, Any]:
@@ -128,9 +139,10 @@ def imagined(folder: Path, game: str, how: Imagination) -> Floats:
     return np.array(row["imagined"], np.float64)
 
 
-def real(folder: Path, game: str, proposals: Proposals, draws: int) -> Floats:
-    """Return the rewards that proposed plans really bring, (draws, PLANS) points; as `imagined`."""
+def real(folder: Path, game: str, proposals: Proposals, draws: int) -> Played:
+    """Return how proposed plans really end; as `imagined`."""
     settings = {"plans": PLANS, "draws": draws, "fps": WORLD_FPS, "resets": RESETS, "dtype": WORLD_DTYPE}
+    settings["repeated plans"] = "marked"  # rows of before have other settings
     settings |= _model_of(proposals)
     row = kept_row(folder / f"played-{proposals}", game, settings, partial(_play, game, proposals, draws))
-    return np.array(row["reward"], np.float64)
+    return Played(np.array(row["reward"], np.float64), np.array(row["unrepeated"], bool))

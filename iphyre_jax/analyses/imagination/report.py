@@ -18,6 +18,7 @@ from iphyre_jax.analyses.imagination.imagined import (
     POLICY,
     WORLD_FPS,
     Imagination,
+    Played,
     imagined,
     real,
 )
@@ -53,7 +54,7 @@ def is_whole(folder: Path) -> bool:
     return all((folder / name / f"{game}.json").is_file() for name in kept for game in GAMES)
 
 
-def _real(folder: Path, game: str, how: Imagination) -> Floats:
+def _real(folder: Path, game: str, how: Imagination) -> Played:
     return real(folder, game, how.proposals, HEADLINE.draws if how.proposals == "random" else how.draws)
 
 
@@ -79,7 +80,7 @@ def document(folder: Path) -> str:
     Raises:
         ValueError: a row has other settings; one line.
     """
-    rates = {game: float((_real(folder, game, HEADLINE) > SOLVED).mean()) for game in GAMES}
+    rates = {game: float((_real(folder, game, HEADLINE).reward > SOLVED).mean()) for game in GAMES}
     planners = {(how.sigma, plans): _of(_scores(folder, how, plans), TRIES) for how in BY_SIGMA for plans in COUNTS}
     compared = fit(people.scores(), planners, rates)
     return "\n\n".join(
@@ -87,12 +88,12 @@ def document(folder: Path) -> str:
             "# Imagination",
             "Written by `iphyre-jax analyse imagination`. The planner imagines plans in simulators whose objects are "
             f"displaced by N(0, sigma) px, {COPIES} of them, and tries the plan with the best mean reward, then the "
-            f"next, up to {TRIES} times. The world has {WORLD_FPS} steps a second, in a fresh space, as people play. "
-            "This is not zero shot: the planner has the equations of motion. In brackets: 95 % bootstrap interval over "
-            f"games. *Learning*: a simulator that foretold another outcome of an attempt keeps {TRUST:g} of its "
-            f"weight. Proposals are official random plans; *policy*: {100 * FROM_POLICY:.0f} % of them are sampled "
-            f"from `{POLICY}`. The number of copies and the rule were chosen on generated scenes, none of them of the "
-            "benchmark; nothing was chosen here.",
+            f"next, up to {TRIES} times, none twice. The world has {WORLD_FPS} steps a second, in a fresh space, as "
+            "people play. This is not zero shot: the planner has the equations of motion. In brackets: 95 % bootstrap "
+            "interval over games. *Learning*: a simulator that foretold another outcome of an attempt keeps "
+            f"{TRUST:g} of its weight. Proposals are official random plans; *policy*: {100 * FROM_POLICY:.0f} % of "
+            f"them are sampled from `{POLICY}`. The number of copies and the rule were chosen on generated scenes, "
+            "none of them of the benchmark; nothing was chosen here.",
             f"## {HEADLINE.sigma:g} px, {USUAL} plans, {HEADLINE.draws} draws",
             _headline(folder),
             f"## By number of displaced scenes, {HEADLINE.sigma:g} px, {USUAL} plans, all forty games",
@@ -121,7 +122,7 @@ def _headline(folder: Path) -> str:
                 for games in COLUMNS.values()
             ]
             cells.append([title, str(attempts), *shown])
-    random = {game: _real(folder, game, HEADLINE)[:, :TRIES] for game in GAMES}
+    random = {game: _real(folder, game, HEADLINE).reward[:, :TRIES] for game in GAMES}
     for attempts in (1, TRIES):
         best = {game: float(ends[:, :attempts].max(axis=1).mean()) for game, ends in random.items()}
         solved = {game: float((ends[:, :attempts] > SOLVED).any(axis=1).mean()) for game, ends in random.items()}

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.attempts.agents import unrepeated
 from iphyre_jax.checks import check_plans, check_whole
 from iphyre_jax.models.outcome.plays.augmented import random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
@@ -30,8 +31,7 @@ Agent = Callable[..., Floats]
 def candidates(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     """Different random plans of the official distribution, at most `count`, (C, 6) s; NaN for a block that stays."""
     drawn = random_plans(blocks, count, rng)
-    _, first = np.unique(np.nan_to_num(drawn, nan=-1.0), axis=0, return_index=True)
-    return drawn[np.sort(first)].astype(np.float64)
+    return drawn[unrepeated(drawn)].astype(np.float64)
 
 
 def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Floats]:

@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.attempts.agents import random_plans
-from iphyre_jax.attempts.planner import preferred
+from iphyre_jax.attempts.planner import best_plans, different_plans
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import check_plans, check_whole
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
@@ -121,14 +120,14 @@ class WorldPlanner:
 
     Attributes:
         imagine: from scene and plans to rewards.
-        plans: imagined plans.
+        plans: that are drawn; different ones are imagined.
     """
 
     imagine: WorldImagination
     plans: int = 300
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans, the best first."""
+        """Propose the k best plans as `best_plans` gives them."""
         del past
-        times = random_plans(rng, len(scene.eliminable_blocks), check_whole("plans", self.plans, k))
-        return times[preferred(self.imagine(scene, times)[None])[:k]]
+        times = different_plans(rng, scene, check_whole("plans", self.plans, k))
+        return best_plans(times, self.imagine(scene, times)[None], k)

@@ -13,7 +13,7 @@ from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.networks.geometry import contact
 from iphyre_jax.models.world.rows import centres, rows_of, state_in
 from iphyre_jax.models.world.settings import WorldConfig
-from iphyre_jax.models.world.tables import SceneTables, State
+from iphyre_jax.models.world.tables import SceneTables, State, state_of
 from iphyre_jax.observations.official import LENGTH_COLUMNS
 from iphyre_jax.physics.constants import GRAVITY
 from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
@@ -40,6 +40,38 @@ def start_memory(config: WorldConfig | None, scene: SceneTables) -> Memory:
     """The memory before the first step; scene: tables of each of B worlds."""
     recurrent = mdrnn.empty_memory(scene.centre.shape[0]) if config is not None and config.model == "mdrnn" else ()
     return Memory(scene, recurrent)
+
+
+def memory_after(
+    predict: Predict, params: Params, memory: Memory, recorded: jax.Array, gone: jax.Array, instant: jax.Array
+) -> Memory:
+    """The memory of a model that saw B plays from their start up to an instant of each, which it has not seen yet.
+
+    Args:
+        predict: of a model.
+        params: its parameters.
+        memory: as `start_memory` gives it.
+        recorded: (B, T, M, 6) states of the plays, as in `Plays`.
+        gone: (B, 12) instants from which on objects are gone.
+        instant: (B,) below T.
+    """
+    if not jax.tree.leaves(memory.recurrent):
+        return memory
+    return _remembered(predict, params, memory, recorded, gone, instant)
+
+
+@partial(jax.jit, static_argnums=0)
+def _remembered(
+    predict: Predict, params: Params, memory: Memory, recorded: jax.Array, gone: jax.Array, instant: jax.Array
+) -> Memory:
+    def see(before: Memory, k: jax.Array) -> tuple[Memory, None]:
+        rows = rows_of(before.scene, state_of(recorded[:, k]), gone >= k)  # before the removals that are due
+        _, after = predict(params, before, rows, gone == k)
+        keep = (k < instant)[:, None]
+        recurrent = jax.tree.map(lambda new, old: jnp.where(keep, new, old), after.recurrent, before.recurrent)
+        return before._replace(recurrent=recurrent), None
+
+    return jax.lax.scan(see, memory, jnp.arange(recorded.shape[1] - 1))[0]
 
 
 def start_rows(scene: SceneTables) -> jax.Array:

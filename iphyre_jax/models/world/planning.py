@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly
-from iphyre_jax.attempts.planner import Planner
+from iphyre_jax.attempts.planner import LEFT_OUT, Planner
 from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
@@ -68,7 +68,7 @@ def planning_bounds(folder: Path, plans: int) -> dict[str, Row]:
     Raises:
         ValueError, OSError: one line; a file is damaged, has other settings, or cannot be written.
     """
-    settings = {"plans": plans, "attempts": TRIES, "seed": SEED}
+    settings = {"plans": plans, "attempts": TRIES, "seed": SEED, **LEFT_OUT}
 
     def row(agent: Agent) -> Row:
         return {split: planned(agent, SPLITS[split], plans) for split in PLANNED}

@@ -10,10 +10,16 @@ import pytest
 from iphyre_jax import load_scene, simulate
 from iphyre_jax.analyses.imagination import choice, imagined, people_model
 from iphyre_jax.analyses.imagination.imagined import Imagination
+from iphyre_jax.attempts.agents import unrepeated
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES
 
 GOOD, BAD = 970.0, -30.0
+
+
+def different(real: np.ndarray) -> imagined.Played:
+    """Plans that do not repeat."""
+    return imagined.Played(real, np.ones(real.shape, bool))
 
 
 def test_the_best_imagined_plan_is_tried_first_and_none_twice() -> None:
@@ -29,13 +35,20 @@ def test_a_simulator_that_was_wrong_is_trusted_less() -> None:
     blind, learned = (choice.tried(believed, real, learning) for learning in (False, True))
     assert blind.tolist()[:3] == [BAD, BAD, GOOD]
     assert learned.tolist()[:2] == [BAD, GOOD]
-    best = choice.best_after(believed[None], real[None], plans=5, learning=True)
+    best = choice.best_after(believed[None], different(real[None]), plans=5, learning=True)
     np.testing.assert_array_equal(best, [[BAD, GOOD, GOOD, GOOD, GOOD]])
+
+
+def test_a_plan_that_was_drawn_again_is_not_tried_again() -> None:
+    believed = np.array([[[9.0, 9, 9, 2, 1, 0]]])
+    played = imagined.Played(np.array([[1.0, 1, 1, 2, 3, 4]]), np.array([[True, False, False, True, True, True]]))
+    assert choice.best_after(believed, played, plans=6).tolist() == [[1, 2, 3, 4, 4]]
+    assert choice.best_after(believed, played, plans=4).tolist() == [[1, 2, 2, 2, 2]]
 
 
 def test_fewer_plans_are_the_first_of_more() -> None:
     believed = np.array([[[1.0, 2, 3, 4, 5, 1000]]])
-    real = np.array([[1.0, 2, 3, 4, 5, 6]])
+    real = different(np.array([[1.0, 2, 3, 4, 5, 6]]))
     assert choice.best_after(believed, real, plans=5)[0, 0] == 5
     assert choice.best_after(believed, real, plans=6)[0, 0] == 6
 
@@ -44,10 +57,12 @@ def test_fewer_plans_are_the_first_of_more() -> None:
 def test_rows_are_what_the_simulator_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imagined, "PLANS", 12)
     how = Imagination(0.0, draws=2)
-    believed, ends = imagined.imagined(tmp_path, "hole", how), imagined.real(tmp_path, "hole", "random", 2)
+    believed, played = imagined.imagined(tmp_path, "hole", how), imagined.real(tmp_path, "hole", "random", 2)
+    ends = played.reward
     assert believed.shape == (2, 1, 12)
     assert ends.shape == (2, 12)
     plans = imagined.proposed("hole", 1, "random")
+    assert played.unrepeated[1].tolist() == unrepeated(plans).tolist()
     assert not np.array_equal(plans, imagined.proposed("hole", 0, "random"))
     found = simulate("hole", plan_to_steps(plans, 60, "simulate"), fps=60, dtype="float64").reward
     np.testing.assert_allclose(ends[1], found, atol=5e-4)

@@ -17,7 +17,14 @@ from iphyre_jax.models.settings import settings_of
 from iphyre_jax.models.storage import METRICS
 from iphyre_jax.models.world import plays, runs, storage
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
-from iphyre_jax.models.world.interface import falls_until_contact, nothing_moves, predictor, start_memory, start_rows
+from iphyre_jax.models.world.interface import (
+    falls_until_contact,
+    memory_after,
+    nothing_moves,
+    predictor,
+    start_memory,
+    start_rows,
+)
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.reports.metrics import horizon_errors
 from iphyre_jax.models.world.rows import rows_of, state_in
@@ -66,6 +73,28 @@ def test_free_fall_is_exact_before_training() -> None:
     still = horizon_errors(nothing_moves, (), None, falling(3, 80), index)
     assert still[0, 0, 0] == pytest.approx(np.hypot(0.7, 0.1 * 100 / 60 + 15 * 100 / 3600), rel=1e-3)
     assert horizon_errors(falls_until_contact, (), None, falling(3, 80), index)[3].max() < 0.05
+
+
+@pytest.mark.slow
+def test_a_model_that_remembers_has_seen_the_play_from_its_start() -> None:
+    """The memory after 2 instants of a play is that of two predictions from what was there, removal and all."""
+    found = falling(2, 20)
+    params = jax.jit(mdrnn.init, static_argnums=0)(MDRNN, jax.random.key(0))
+    scene = taken(found.scenes, jnp.asarray(found.scene))
+    recorded, gone = jnp.asarray(found.state), jnp.asarray(found.gone).at[:, 0].set(1)
+    predict, start = jax.jit(predictor(MDRNN)), start_memory(MDRNN, scene)
+    after = memory_after(predictor(MDRNN), params, start, recorded, gone, jnp.array([0, 2]))
+    by_hand = start
+    for k in range(2):
+        _, by_hand = predict(params, by_hand, rows_of(scene, state_of(recorded[:, k]), gone >= k), gone == k)
+    for seen, empty, stepped in zip(after.recurrent, start.recurrent, by_hand.recurrent, strict=True):
+        np.testing.assert_array_equal(seen[0], empty[0])
+        np.testing.assert_allclose(seen[1], stepped[1], atol=1e-6)
+        assert float(jnp.abs(seen[1]).max()) > 0
+    other = memory_after(predictor(MDRNN), params, start, recorded, jnp.asarray(found.gone), jnp.array([0, 2]))
+    assert float(jnp.abs(other.recurrent[0][1] - after.recurrent[0][1]).max()) > 0
+    kept = memory_after(predictor(OBJECTS), PARAMS, start_memory(OBJECTS, scene), recorded, gone, jnp.array([0, 2]))
+    assert kept.recurrent == ()
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from iphyre_jax.models.world.interface import (
     NEIGHBOURS,
     Predict,
     falls_until_contact,
+    memory_after,
     nothing_moves,
     predictor,
     roll,
@@ -71,6 +72,8 @@ def moving_windows(plays: Plays) -> Integers:
 def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, plays: Plays, index: Integers) -> Floats:  # noqa: ANN401
     """Distances (horizons, W, M), px, between predicted and real balls; NaN for other bodies and after the end.
 
+    A model that remembers has seen the play from its start.
+
     Args:
         predict: of a model or a bound.
         params: its parameters.
@@ -82,9 +85,12 @@ def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, pl
     scene: SceneTables = jax.tree.map(jnp.asarray, taken(plays.scenes, jnp.asarray(plays.scene)[number]))
     recorded = np.asarray(plays.state)
     state = State(*map(jnp.asarray, state_of(recorded[number, instant])))
-    gone = np.asarray(plays.gone)[number] - instant[:, None]
+    removed = np.asarray(plays.gone)[number]
+    seen = (jnp.asarray(recorded[number]), jnp.asarray(removed), jnp.asarray(instant))
+    memory = memory_after(predict, params, start_memory(config, scene), *seen)
+    gone = removed - instant[:, None]
     rows = rows_of(scene, state, jnp.asarray(gone >= 0))
-    centre = np.asarray(roll(predict, params, start_memory(config, scene), rows, jnp.asarray(gone), max(HORIZONS)))
+    centre = np.asarray(roll(predict, params, memory, rows, jnp.asarray(gone), max(HORIZONS)))
     mover = np.asarray(scene.mover)
     errors = np.full((len(HORIZONS), *mover.shape), np.nan)
     for k, horizon in enumerate(HORIZONS):

@@ -33,11 +33,11 @@ that is only imagined?
 * `objects` is ours; `mdrnn` is the paper's with repairs (`networks/mdrnn.py`); the number behind it counts its gradient
   steps, that behind `objects` its plays.
 * Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. `objects` and free fall
-  are given the velocities of that moment. `mdrnn` sees its table alone, and begins with an empty memory: these errors
-  are those of a model that does not know the speeds. Imagined outcomes and plans begin at rest.
+  are given the velocities of that moment. `mdrnn` sees places alone; it has seen the play from its start, and
+  remembers. Imagined outcomes and plans begin at rest.
 * Outcomes are of 10 plays of each game, 100 in a column: differences of some 5 points can be chance.
-* Plays are judged in float32, planned attempts in float64. Random plans of few blocks repeat, and a planner tries equal
-  plans again: for a model that tells little, five attempts are fewer plans.
+* Plays are judged in float32, planned attempts in float64. Planners imagine the
+  different ones of their random plans, and try none twice.
 * Mean over seeds ± standard deviation; a row without ± has one seed.
 * `models/world/`, beside this page, has settings, log and scores of each row.
 """
