@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from inspect import getdoc
+from itertools import chain
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal, get_args
@@ -249,7 +250,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"\n## {part.capitalize()}\n\n{getdoc(TABLES[part])}\n")
         rows = TABLES[part](options)
         names = next(rows)
-        for row in (names, ["---"] * len(names), *rows):
+        for row in chain([names, ["---"] * len(names)], rows):
             show(row)
     print(f"\n{made_by({**provenance(CORE), 'fps': options.fps})}")
     return 0

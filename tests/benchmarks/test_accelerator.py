@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +34,21 @@ def test_steps_and_decisions_are_told_row_by_row(
     cells = [row.strip("| ").split(" | ") for row in rows]
     assert [row[1] for row in cells] == ["32", "32", "4"]
     assert all(float(number) >= 0 for row in cells for number in row[-2:])
+
+
+def test_a_row_is_printed_before_the_next_is_measured(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(options: Options) -> Iterator[tuple[str, ...]]:
+        yield ("worlds",)
+        yield (str(options.plans),)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(accelerator, "on_cpu", lambda: False)
+    monkeypatch.setitem(accelerator.TABLES, "steps", killed)
+    with pytest.raises(KeyboardInterrupt):
+        accelerator.main(["--parts", "steps", "--plans", "7"])
+    assert capsys.readouterr().out.endswith("| worlds |\n| --- |\n| 7 |\n")
 
 
 @pytest.mark.slow
