@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.analyses.imagination.imagined import Played
+from iphyre_jax.analyses.imagination.imagined import RealRewards
 from iphyre_jax.attempts.planner import preferred
 
 SOLVED: Final = 500.0  # points; a solved play has more, any other has less
@@ -40,7 +40,7 @@ def tried(imagined: Floats, real: Floats, learning: bool) -> Floats:
     return np.array(rewards)
 
 
-def best_after(imagined: Floats, real: Played, plans: int, learning: bool = False) -> Floats:
+def best_after(imagined: Floats, real: RealRewards, plans: int, learning: bool = False) -> Floats:
     """Return the best reward after 1, ..., TRIES attempts in each draw, (draws, TRIES) points; no plan is tried twice.
 
     Args:

@@ -39,8 +39,8 @@ IMAGINED_DTYPE: Final = "float32"
 WORLD_DTYPE: Final = "float64"
 
 
-class Played(NamedTuple):
-    """How proposed plans really end, and which of them no earlier one of their draw equals."""
+class RealRewards(NamedTuple):
+    """What proposed plans really bring, and which of them no earlier one of their draw equals."""
 
     reward: Floats  # (draws, PLANS) points
     unrepeated: npt.NDArray[np.bool_]  # (draws, PLANS)
@@ -139,10 +139,10 @@ def imagined(folder: Path, game: str, how: Imagination) -> Floats:
     return np.array(row["imagined"], np.float64)
 
 
-def real(folder: Path, game: str, proposals: Proposals, draws: int) -> Played:
+def real(folder: Path, game: str, proposals: Proposals, draws: int) -> RealRewards:
     """Return how proposed plans really end; as `imagined`."""
     settings = {"plans": PLANS, "draws": draws, "fps": WORLD_FPS, "resets": RESETS, "dtype": WORLD_DTYPE}
     settings["repeated plans"] = "marked"  # rows of before have other settings
     settings |= _model_of(proposals)
     row = kept_row(folder / f"played-{proposals}", game, settings, partial(_play, game, proposals, draws))
-    return Played(np.array(row["reward"], np.float64), np.array(row["unrepeated"], bool))
+    return RealRewards(np.array(row["reward"], np.float64), np.array(row["unrepeated"], bool))

@@ -18,7 +18,7 @@ from iphyre_jax.analyses.imagination.imagined import (
     POLICY,
     WORLD_FPS,
     Imagination,
-    Played,
+    RealRewards,
     imagined,
     real,
 )
@@ -54,7 +54,7 @@ def is_whole(folder: Path) -> bool:
     return all((folder / name / f"{game}.json").is_file() for name in kept for game in GAMES)
 
 
-def _real(folder: Path, game: str, how: Imagination) -> Played:
+def _real(folder: Path, game: str, how: Imagination) -> RealRewards:
     return real(folder, game, how.proposals, HEADLINE.draws if how.proposals == "random" else how.draws)
 
 

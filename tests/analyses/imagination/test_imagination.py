@@ -17,9 +17,9 @@ from iphyre_jax.scenes import GAMES
 GOOD, BAD = 970.0, -30.0
 
 
-def different(real: np.ndarray) -> imagined.Played:
+def different(real: np.ndarray) -> imagined.RealRewards:
     """Plans that do not repeat."""
-    return imagined.Played(real, np.ones(real.shape, bool))
+    return imagined.RealRewards(real, np.ones(real.shape, bool))
 
 
 def test_the_best_imagined_plan_is_tried_first_and_none_twice() -> None:
@@ -41,7 +41,7 @@ def test_a_simulator_that_was_wrong_is_trusted_less() -> None:
 
 def test_a_plan_that_was_drawn_again_is_not_tried_again() -> None:
     believed = np.array([[[9.0, 9, 9, 2, 1, 0]]])
-    played = imagined.Played(np.array([[1.0, 1, 1, 2, 3, 4]]), np.array([[True, False, False, True, True, True]]))
+    played = imagined.RealRewards(np.array([[1.0, 1, 1, 2, 3, 4]]), np.array([[True, False, False, True, True, True]]))
     assert choice.best_after(believed, played, plans=6).tolist() == [[1, 2, 3, 4, 4]]
     assert choice.best_after(believed, played, plans=4).tolist() == [[1, 2, 2, 2, 2]]
 
