@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, Generic
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -187,6 +188,10 @@ class WeightFiles(Generic[S]):
     def names(self, folder: Path) -> tuple[str, ...]:
         """The names of the trained models in a folder."""
         return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+
+    def rounded(self, params: Params) -> Params:
+        """Parameters as they ship: in the dtype of the files and back."""
+        return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, self.dtype), leaf.dtype), params)
 
     def save(self, folder: Path, model: TrainedModel[S]) -> None:
         """Write the two files of a model."""

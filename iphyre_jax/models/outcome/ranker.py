@@ -108,7 +108,7 @@ class _Stages:
         parts = [compact(each.select(~out)) for each, out in zip(plays, held, strict=True)]
         learned, watched = joined(parts), runs.sampled(compact(plays[-1].select(held[-1])))
         state = runs.train(folder / "run", config, learned, watched, self.console, params)
-        kept = storage.rounded(chosen(config, state), 0)
+        kept = storage.shipped_params(chosen(config, state), 0)
         origin = {"seed": 0, "plays": len(learned), "scenes": len(learned.scenes), "trained": provenance()}
         storage.save_classifier(storage.OutcomeClassifier(config.name, config, kept, origin), folder)
 

@@ -180,7 +180,7 @@ def trained(
     """The network of a seed, rounded as it ships."""
     accuracy = {name: column["accuracy"][seed] for name, column in evaluation["columns"].items()}
     origin = {"seed": seed, "accuracy": accuracy, "trained": provenance()}
-    params = storage.rounded(chosen(config, state), seed)
+    params = storage.shipped_params(chosen(config, state), seed)
     return storage.OutcomeClassifier(config.name, dataclasses.replace(config, seeds=1), params, origin)
 
 

@@ -85,13 +85,13 @@ def rankers() -> tuple[str, ...]:
     return tuple(name for name in names() if FILES.config(WEIGHTS, name).network == "ranker")
 
 
-def rounded(params: Params, seed: int) -> Params:
-    """One network of several, rounded to what ships: float16."""
-    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf[seed : seed + 1], np.float16), leaf.dtype), params)
+def shipped_params(params: Params, seed: int) -> Params:
+    """One network of several, as it ships: with an axis of one seed in front."""
+    return FILES.rounded(jax.tree.map(lambda leaf: leaf[seed : seed + 1], params))
 
 
 def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
-    """Write the two files of a classifier; its parameters are `rounded`."""
+    """Write the two files of a classifier; its parameters are `shipped_params`."""
     FILES.save(folder, classifier)
 
 

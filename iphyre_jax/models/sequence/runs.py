@@ -83,4 +83,4 @@ def shipped(config: SequenceConfig, state: SequenceState, found: Mapping[str, An
         "reward": reward,
         "trained": provenance(),
     }
-    return storage.TrainedSequenceModel(config.name, config, storage.rounded(of_seed(state.params, seed)), origin)
+    return storage.TrainedSequenceModel(config.name, config, storage.FILES.rounded(of_seed(state.params, seed)), origin)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Final
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -70,13 +69,8 @@ def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
     return FILES.names(folder)
 
 
-def rounded(params: Params) -> Params:
-    """Parameters rounded to what ships: float16."""
-    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, np.float16), leaf.dtype), params)
-
-
 def save_model(model: TrainedSequenceModel, folder: Path = WEIGHTS) -> None:
-    """Write the two files of a model; its parameters are `rounded`."""
+    """Write the two files of a model; its parameters are `FILES.rounded`."""
     FILES.save(folder, model)
 
 

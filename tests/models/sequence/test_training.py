@@ -78,7 +78,7 @@ def test_what_diverged_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_ships_what_it_was(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
-    params = storage.rounded(training.of_seed(trained[1].params, 1))
+    params = storage.FILES.rounded(training.of_seed(trained[1].params, 1))
     storage.save_model(storage.TrainedSequenceModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
     loaded = storage.load_model(CONFIG.name, tmp_path)
     assert loaded.config == dataclasses.replace(CONFIG, seeds=1)
