@@ -17,7 +17,7 @@ from iphyre_jax.analyses.shipped import policies, shipped_model
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly, improve_best
 from iphyre_jax.attempts.fine_tuning import BATCH, LEARNING_RATE, FineTuned
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve, solved_curve_of_independent
-from iphyre_jax.attempts.planner import LEFT_OUT, Planner
+from iphyre_jax.attempts.planner import REPEATED_PLANS, Planner
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import Agent, Attempts, Feedback, attempts
 from iphyre_jax.intervals import mean_interval
@@ -59,7 +59,7 @@ def specifications(fps: int) -> dict[str, Specification]:
     planners = {}
     for sigma, plans in product((0.0, 1.0, 2.0, 5.0), (100, 300)):
         settings, play = row(Planner(plans, sigma, **common), 5, 2)
-        planners[f"planner, {sigma:g} px, {plans} plans"] = {**settings, **LEFT_OUT}, play
+        planners[f"planner, {sigma:g} px, {plans} plans"] = {**settings, **REPEATED_PLANS}, play
     found = {
         "do nothing": row(do_nothing, 1, 1),
         "random plans": row(draw_randomly, MOST, 5),
@@ -69,7 +69,7 @@ def specifications(fps: int) -> dict[str, Specification]:
     }
     for name in world_models.names() if fps == IMAGINED else ():
         model = shipped_model("world model", name, world_models.WEIGHTS)
-        tried = {**plain, **model, **LEFT_OUT, "k": 5, "runs": 2, "plans": PLANS}
+        tried = {**plain, **model, **REPEATED_PLANS, "k": 5, "runs": 2, "plans": PLANS}
         found[f"planner in {name}, {PLANS} plans"] = tried, partial(_world_model, name, 5, 2, plain)
     judges = set(classifiers.names()) - set(classifiers.rankers())  # of random plans; rankers are in carry-over
     for name in sorted(judges) if fps == CLASSIFIED else ():

@@ -23,7 +23,7 @@ from iphyre_jax.simulation import simulate_many
 
 Floats = npt.NDArray[np.float64]
 
-LEFT_OUT: Final = {"repeated plans": "left out"}  # in the settings of a planner's row; earlier rows had them
+REPEATED_PLANS: Final = {"repeated plans": "left out"}  # part of the settings of a planner's row: earlier ones had them
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Planner:
     """An agent that plays the best of its imagined plans, by mean imagined reward.
 
     Attributes:
-        plans: that are drawn; different ones are imagined.
+        plans: random plans that are drawn; the different ones are imagined.
         sigma: px, standard deviation of each object's displacement in x and in y; 0 for none.
         copies: displaced scenes in which each plan is imagined; without displacement one is enough.
         fps: physics steps a second, in the imagination.
@@ -55,7 +55,7 @@ class Planner:
         check_dtype(self.dtype)
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans as `best_plans` gives them."""
+        """Propose the k best plans as `best_plans` gives them; a later call may repeat them."""
         del past
         if k > self.plans:
             raise ValueError(f"plans: expected at least {k} imagined plans for as many attempts, got {self.plans}")

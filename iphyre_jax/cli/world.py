@@ -74,7 +74,7 @@ class PlanInModel:
     model: str = "objects-unlimited"
     """A model of the package, or a run folder."""
     plans: int = 300
-    """That are drawn; different ones are imagined."""
+    """Random plans that are drawn; the different ones are imagined."""
     best: int = 5
     """How many of them are played and shown."""
     seed: int = 0
@@ -188,7 +188,7 @@ def _plan(action: PlanInModel, console: Console) -> None:
     imagined = WorldImagination(model)(scene, times)
     best = preferred(imagined[None])[: action.best]
     played = simulate(scene, plan_to_steps(times[best], 60, "simulate"), fps=60, dtype="float64")
-    say(console, f"{scene.name}: best of {action.plans} plans imagined in {action.model}; 60 fps, fresh space, float64")
+    say(console, f"{scene.name}: best of {len(times)} plans imagined in {action.model}; 60 fps, fresh space, float64")
     for at, index in enumerate(best):
         plan = " ".join("-" if np.isnan(time) else f"{time:g}" for time in times[index])
         say(console, f"{plan}: imagined {imagined[index]:.1f}, played {played.reward[at]:.1f}")

@@ -122,6 +122,8 @@ class Trainer:
     def greedy_reward(self) -> float:
         """Mean reward of the present policy's greedy episodes, one of each training game."""
         policy = preferring(self._algorithm.greedy_policy(self.state.learner))
-        # An accelerator compiles half a minute for each number of worlds, and plays many in the time of a few.
-        repeats = 1 if on_cpu() else self._config.episodes_per_scene
+        # Each number of worlds of an environment is a program of its own, which an accelerator compiles in half a
+        # minute. So greedy episodes take that of sampled ones; more worlds cost little there.
+        many = not (on_cpu() or self._config.strategy == "in-advance")
+        repeats = self._config.episodes_per_scene if many else 1
         return float(self._games.collect(policy, jax.random.key(0), repeats)[1].reward[::repeats].mean())

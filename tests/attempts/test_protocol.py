@@ -103,11 +103,11 @@ def test_planner_without_displacement_plays_a_plan_that_solves() -> None:
 
 
 def test_a_planner_tries_no_plan_twice_while_there_are_others() -> None:
-    """The only block of this scene stays in every fifth plan, so among 30 plans most that rank high are equal."""
+    """Of 30 plans of this scene's two blocks three repeat others."""
     scene, rng = load_scene("impulse_pendulum"), np.random.default_rng(0)
     drawn = random_plans(np.random.default_rng(0), len(scene.eliminable_blocks), 30)
     assert unrepeated(np.array([[1.0, np.nan], [np.nan, 1.0], [1.0, np.nan], [2.0, 1.0]])).tolist() == [1, 1, 0, 1]
-    assert unrepeated(drawn).sum() < 30
+    assert unrepeated(drawn).sum() == 27
     plans = Planner(plans=30)(scene, 20, rng, [])
     assert unrepeated(plans).all()
     few = Planner(plans=30)(scene, 30, np.random.default_rng(0), [])

@@ -12,7 +12,7 @@ from iphyre_jax.train.settings.run import preset
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly"])
+@pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly", "combined"])
 def test_greedy_episodes_are_the_same_in_as_many_worlds_as_sampled_ones(
     strategy: StrategyName, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,7 +1,8 @@
 """What a planner imagines of the forty games and what the same plans really bring, kept for all questions to it.
 
 Each draw has its own plans and its own displaced scenes. The first N plans of a draw are those of a planner that
-imagines N, and its first K scenes are those of one that believes in K: one row answers for every N and K.
+draws N and imagines the different ones, and its first K scenes are those of one that believes in K: one row answers for
+every N and K.
 """
 
 from __future__ import annotations

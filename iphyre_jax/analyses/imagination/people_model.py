@@ -22,7 +22,7 @@ HALVES: Final = 200  # random halves of the games, five of each split
 _SEED: Final = 0
 
 Floats = npt.NDArray[np.float64]
-Setting = tuple[float, int]  # sigma, px, and the number of imagined plans
+Setting = tuple[float, int]  # sigma, px, and the number of drawn plans
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ WITH_POLICY: Final = Imagination(2.0, proposals="policy")
 SLOW: Final = (Imagination(0.0, fps=10), Imagination(2.0, fps=10))
 BY_SIGMA: Final = (*(Imagination(s) for s in (0.0, 1.0)), HEADLINE, *(Imagination(s) for s in (5.0, 10.0, 20.0, 40.0)))
 ALL: Final = (*BY_SIGMA, WITH_POLICY, *SLOW)
-COUNTS: Final = (5, 20, 100, 300)  # imagined plans
+COUNTS: Final = (5, 20, 100, 300)  # drawn plans, of which the different ones are imagined
 USUAL: Final = 100
 BELIEVED: Final = (1, 3, COPIES)  # displaced scenes
 

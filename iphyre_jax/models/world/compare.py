@@ -57,7 +57,7 @@ def evaluate(folder: Path, plans: int, console: Console) -> dict[str, Any]:
 
     Args:
         folder: of the run, which may be under way.
-        plans: that are imagined for each game; 0 for no planning.
+        plans: that are drawn for each game, to be imagined; 0 for no planning.
         console: for progress.
 
     Raises:

@@ -120,14 +120,14 @@ class WorldPlanner:
 
     Attributes:
         imagine: from scene and plans to rewards.
-        plans: that are drawn; different ones are imagined.
+        plans: random plans that are drawn; the different ones are imagined.
     """
 
     imagine: WorldImagination
     plans: int = 300
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans as `best_plans` gives them."""
+        """Propose the k best plans as `best_plans` gives them; a later call may repeat them."""
         del past
         times = different_plans(rng, scene, check_whole("plans", self.plans, k))
         return best_plans(times, self.imagine(scene, times)[None], k)

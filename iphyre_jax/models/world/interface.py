@@ -45,7 +45,7 @@ def start_memory(config: WorldConfig | None, scene: SceneTables) -> Memory:
 def memory_after(
     predict: Predict, params: Params, memory: Memory, recorded: jax.Array, gone: jax.Array, instant: jax.Array
 ) -> Memory:
-    """The memory of a model that saw B plays from their start up to an instant of each, which it has not seen yet.
+    """The memory of a model that saw B plays from their start; an instant of each is what it is to see next.
 
     Args:
         predict: of a model.

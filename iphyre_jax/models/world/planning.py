@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly
-from iphyre_jax.attempts.planner import LEFT_OUT, Planner
+from iphyre_jax.attempts.planner import REPEATED_PLANS, Planner
 from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
@@ -20,7 +20,7 @@ from iphyre_jax.scenes import SPLITS
 PLANNED: Final = ("basic", "noisy", "compositional", "multi_ball")
 TRIES: Final = 5  # the first, and the best of so many
 SEED: Final = 0  # of the drawn plans, the same ones for each model and each planner
-PLANS: Final = 300  # that are imagined for each game
+PLANS: Final = 300  # that are drawn for each game; the different ones are imagined
 DISPLACED: Final = 2.0  # px
 
 
@@ -47,7 +47,7 @@ def planned(agent: Agent, games: Sequence[str], plans: int) -> dict[str, Any]:
     Args:
         agent: gives TRIES plans for each game.
         games: to play.
-        plans: that it imagines for each game; written down alone.
+        plans: that it draws for each game; written down alone.
     """
     played = attempts(agent, TRIES, games=games, seed=SEED)
     return {
@@ -68,7 +68,7 @@ def planning_bounds(folder: Path, plans: int) -> dict[str, Row]:
     Raises:
         ValueError, OSError: one line; a file is damaged, has other settings, or cannot be written.
     """
-    settings = {"plans": plans, "attempts": TRIES, "seed": SEED, **LEFT_OUT}
+    settings = {"plans": plans, "attempts": TRIES, "seed": SEED, **REPEATED_PLANS}
 
     def row(agent: Agent) -> Row:
         return {split: planned(agent, SPLITS[split], plans) for split in PLANNED}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from iphyre_jax.attempts.agents import unrepeated
 from iphyre_jax.cli.world import PlanInModel
 from iphyre_jax.models.settings import settings_of
 from iphyre_jax.models.storage import METRICS
@@ -22,12 +23,13 @@ from iphyre_jax.models.world.interface import (
     memory_after,
     nothing_moves,
     predictor,
+    roll,
     start_memory,
     start_rows,
 )
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.reports.metrics import horizon_errors
-from iphyre_jax.models.world.rows import rows_of, state_in
+from iphyre_jax.models.world.rows import centres, rows_of, state_in
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import scene_tables, state_of
 from iphyre_jax.models.world.training import taken
@@ -93,6 +95,14 @@ def test_a_model_that_remembers_has_seen_the_play_from_its_start() -> None:
         assert float(jnp.abs(seen[1]).max()) > 0
     other = memory_after(predictor(MDRNN), params, start, recorded, jnp.asarray(found.gone), jnp.array([0, 2]))
     assert float(jnp.abs(other.recurrent[0][1] - after.recurrent[0][1]).max()) > 0
+    now, later = rows_of(scene, state_of(recorded[:, 2]), gone >= 2), recorded[1, 3, 0, :2]
+    errors = []
+    for memory in (after, start):
+        tables = roll(predictor(MDRNN), params, memory, now, gone - 2, 1, jnp.asarray)  # (1, 2, 12, 12)
+        errors.append(float(jnp.linalg.norm(centres(tables)[0, 1, 2] - later)))
+    judged = horizon_errors(predictor(MDRNN), params, MDRNN, found._replace(gone=np.asarray(gone)), np.array([[1, 2]]))
+    assert judged[0, 0, 0] == pytest.approx(errors[0], rel=1e-4)
+    assert abs(errors[0] - errors[1]) > 1e-3
     kept = memory_after(predictor(OBJECTS), PARAMS, start_memory(OBJECTS, scene), recorded, gone, jnp.array([0, 2]))
     assert kept.recurrent == ()
 
@@ -174,6 +184,7 @@ def test_imagination_keeps_the_rules() -> None:
     agent = WorldPlanner(imagination, 20)
     plans = agent(load_scene("support"), 3, np.random.default_rng(0), ())
     assert plans.shape == (3, 2)
+    assert unrepeated(plans).all()
 
 
 @pytest.mark.parametrize(("predictions", "success", "step"), [(1, True, 7), (149, True, 895), (150, False, 900)])

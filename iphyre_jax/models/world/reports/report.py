@@ -33,11 +33,11 @@ that is only imagined?
 * `objects` is ours; `mdrnn` is the paper's with repairs (`networks/mdrnn.py`); the number behind it counts its gradient
   steps, that behind `objects` its plays.
 * Errors are medians over balls, px, from moments at which a ball moves faster than 5 px/s. `objects` and free fall
-  are given the velocities of that moment. `mdrnn` sees places alone; it has seen the play from its start, and
-  remembers. Imagined outcomes and plans begin at rest.
+  are given the velocities of that moment. `mdrnn` sees places alone; it has seen the play from its start, up to 15 s of
+  it, and remembers. It learned from windows of 6.4 s, at the start of which it remembers nothing. Imagined outcomes and
+  plans begin at rest.
 * Outcomes are of 10 plays of each game, 100 in a column: differences of some 5 points can be chance.
-* Plays are judged in float32, planned attempts in float64. Planners imagine the
-  different ones of their random plans, and try none twice.
+* Plays are judged in float32, planned attempts in float64. Planners try no plan twice.
 * Mean over seeds ± standard deviation; a row without ± has one seed.
 * `models/world/`, beside this page, has settings, log and scores of each row.
 """
@@ -155,8 +155,9 @@ def write(
     if planning:
         parts += [
             "## Planning in the model",
-            f"{planning[0]['plans']} random plans of seed {SEED}, the same for all rows, are imagined; the best are "
-            "played: reward / games solved. The exact simulator bounds what any model can reach with these plans.",
+            f"{planning[0]['plans']} random plans of seed {SEED}, the same for all rows, are drawn, and the different "
+            "ones imagined; the best are played: reward / games solved. The exact simulator bounds what any model can "
+            "reach with these plans.",
             planning_table(evaluations, bounds),
         ]
     parts.append(made_by(facts))
