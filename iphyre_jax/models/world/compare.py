@@ -16,7 +16,7 @@ from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
-from iphyre_jax.models.world.reports.metrics import COLUMNS, frequent_outcomes, measured
+from iphyre_jax.models.world.reports.metrics import COLUMNS, MEASURES, frequent_outcomes, measured
 from iphyre_jax.models.world.runs import train
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
@@ -106,13 +106,15 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     steps = model.origin["steps"]
     if (folder / EVALUATION).is_file():
         found = storage.RUNS.read_evaluation(folder)
-        if found.get("settings") == model.config.to_json() and found.get("steps") == steps:
+        same = {"settings": model.config.to_json(), "steps": steps, "measures": MEASURES}
+        if all(found.get(field) == value for field, value in same.items()):
             return found
     return {
         "schema": storage.RUNS.schema,
         "version": VERSION,
         "settings": model.config.to_json(),
         "steps": steps,
+        "measures": MEASURES,
         "columns": {},
         "planning": {},
         **provenance(),

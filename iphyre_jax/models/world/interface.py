@@ -43,9 +43,15 @@ def start_memory(config: WorldConfig | None, scene: SceneTables) -> Memory:
 
 
 def memory_after(
-    predict: Predict, params: Params, memory: Memory, recorded: jax.Array, gone: jax.Array, instant: jax.Array
+    predict: Predict,
+    params: Params,
+    memory: Memory,
+    recorded: jax.Array,
+    gone: jax.Array,
+    instant: jax.Array,
+    steps: int,
 ) -> Memory:
-    """The memory of a model that saw B plays from their start; an instant of each is what it is to see next.
+    """The memory of a model that saw some of B plays just before an instant of each, which it is to see next.
 
     Args:
         predict: of a model.
@@ -54,24 +60,32 @@ def memory_after(
         recorded: (B, T, M, 6) states of the plays, as in `Plays`.
         gone: (B, 12) instants from which on objects are gone.
         instant: (B,) below T.
+        steps: how many instants it saw; fewer where the play had fewer.
     """
     if not jax.tree.leaves(memory.recurrent):
         return memory
-    return _remembered(predict, params, memory, recorded, gone, instant)
+    return _remembered(predict, params, memory, recorded, gone, instant, steps)
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=(0, 6))
 def _remembered(
-    predict: Predict, params: Params, memory: Memory, recorded: jax.Array, gone: jax.Array, instant: jax.Array
+    predict: Predict,
+    params: Params,
+    memory: Memory,
+    recorded: jax.Array,
+    gone: jax.Array,
+    instant: jax.Array,
+    steps: int,
 ) -> Memory:
-    def see(before: Memory, k: jax.Array) -> tuple[Memory, None]:
-        rows = rows_of(before.scene, state_of(recorded[:, k]), gone >= k)  # before the removals that are due
+    def see(before: Memory, ago: jax.Array) -> tuple[Memory, None]:
+        k = (instant - ago)[:, None]
+        state = jnp.take_along_axis(recorded, jnp.maximum(k, 0)[..., None, None], axis=1)[:, 0]
+        rows = rows_of(before.scene, state_of(state), gone >= k)  # before the removals that are due
         _, after = predict(params, before, rows, gone == k)
-        keep = (k < instant)[:, None]
-        recurrent = jax.tree.map(lambda new, old: jnp.where(keep, new, old), after.recurrent, before.recurrent)
+        recurrent = jax.tree.map(lambda new, old: jnp.where(k >= 0, new, old), after.recurrent, before.recurrent)
         return before._replace(recurrent=recurrent), None
 
-    return jax.lax.scan(see, memory, jnp.arange(recorded.shape[1] - 1))[0]
+    return jax.lax.scan(see, memory, jnp.arange(steps, 0, -1))[0]
 
 
 def start_rows(scene: SceneTables) -> jax.Array:

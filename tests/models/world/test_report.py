@@ -51,7 +51,7 @@ def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monke
         replace_json(folder / EVALUATION, _evaluation(seed, first))
     compare.write_report(where)
     text = where.out.read_text()
-    assert "| objects-100 | 0 2 | 2000 |" in text
+    assert "| objects-100 | 0 2 | 100 | 2000 | 128 |" in text
     assert "objects-100-1" in text
     assert "objects-100-2" not in text
     assert "| objects-100 | 2.00 ± 1.41 |" in text  # errors of 1 and 3 px

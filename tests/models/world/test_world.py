@@ -72,6 +72,8 @@ def test_free_fall_is_exact_before_training() -> None:
     errors = horizon_errors(predictor(OBJECTS, 2), PARAMS, OBJECTS, falling(3, 80), index)
     assert errors.shape == (5, 3, 1)
     assert errors[:4].max() < 0.05  # 3 s in float32
+    fallen_out = np.array([[0, 60]], np.int32)
+    assert np.isnan(horizon_errors(predictor(OBJECTS, 2), PARAMS, OBJECTS, falling(3, 80), fallen_out)).all()
     still = horizon_errors(nothing_moves, (), None, falling(3, 80), index)
     assert still[0, 0, 0] == pytest.approx(np.hypot(0.7, 0.1 * 100 / 60 + 15 * 100 / 3600), rel=1e-3)
     assert horizon_errors(falls_until_contact, (), None, falling(3, 80), index)[3].max() < 0.05
@@ -79,31 +81,38 @@ def test_free_fall_is_exact_before_training() -> None:
 
 @pytest.mark.slow
 def test_a_model_that_remembers_has_seen_the_play_from_its_start() -> None:
-    """The memory after 2 instants of a play is that of two predictions from what was there, removal and all."""
+    """The memory at instant 2 of a play is that of two predictions from what was there, removal and all."""
     found = falling(2, 20)
     params = jax.jit(mdrnn.init, static_argnums=0)(MDRNN, jax.random.key(0))
     scene = taken(found.scenes, jnp.asarray(found.scene))
     recorded, gone = jnp.asarray(found.state), jnp.asarray(found.gone).at[:, 0].set(1)
     predict, start = jax.jit(predictor(MDRNN)), start_memory(MDRNN, scene)
-    after = memory_after(predictor(MDRNN), params, start, recorded, gone, jnp.array([0, 2]))
+    config = dataclasses.replace(MDRNN, sequence=6)
+    after, last = (
+        memory_after(predictor(MDRNN), params, start, recorded, gone, jnp.array([0, 2]), steps) for steps in (3, 1)
+    )
     by_hand = start
     for k in range(2):
-        _, by_hand = predict(params, by_hand, rows_of(scene, state_of(recorded[:, k]), gone >= k), gone == k)
+        rows = rows_of(scene, state_of(recorded[:, k]), gone >= k)
+        if k == 1:
+            only = predict(params, start, rows, gone == k)[1]
+            np.testing.assert_allclose(last.recurrent[0][1], only.recurrent[0][1], atol=1e-6)
+        _, by_hand = predict(params, by_hand, rows, gone == k)
     for seen, empty, stepped in zip(after.recurrent, start.recurrent, by_hand.recurrent, strict=True):
         np.testing.assert_array_equal(seen[0], empty[0])
         np.testing.assert_allclose(seen[1], stepped[1], atol=1e-6)
         assert float(jnp.abs(seen[1]).max()) > 0
-    other = memory_after(predictor(MDRNN), params, start, recorded, jnp.asarray(found.gone), jnp.array([0, 2]))
+    other = memory_after(predictor(MDRNN), params, start, recorded, jnp.asarray(found.gone), jnp.array([0, 2]), 3)
     assert float(jnp.abs(other.recurrent[0][1] - after.recurrent[0][1]).max()) > 0
     now, later = rows_of(scene, state_of(recorded[:, 2]), gone >= 2), recorded[1, 3, 0, :2]
     errors = []
     for memory in (after, start):
         tables = roll(predictor(MDRNN), params, memory, now, gone - 2, 1, jnp.asarray)  # (1, 2, 12, 12)
         errors.append(float(jnp.linalg.norm(centres(tables)[0, 1, 2] - later)))
-    judged = horizon_errors(predictor(MDRNN), params, MDRNN, found._replace(gone=np.asarray(gone)), np.array([[1, 2]]))
+    judged = horizon_errors(predictor(MDRNN), params, config, found._replace(gone=np.asarray(gone)), np.array([[1, 2]]))
     assert judged[0, 0, 0] == pytest.approx(errors[0], rel=1e-4)
     assert abs(errors[0] - errors[1]) > 1e-3
-    kept = memory_after(predictor(OBJECTS), PARAMS, start_memory(OBJECTS, scene), recorded, gone, jnp.array([0, 2]))
+    kept = memory_after(predictor(OBJECTS), PARAMS, start_memory(OBJECTS, scene), recorded, gone, jnp.array([0, 2]), 3)
     assert kept.recurrent == ()
 
 

@@ -31,6 +31,7 @@ from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.models.world.tables import Plays, SceneTables, State, state_of
 from iphyre_jax.models.world.training import taken
+from iphyre_jax.rules import SCREEN
 from iphyre_jax.scenes import SPLITS
 
 HORIZONS: Final = (1, 5, 10, 30, 60)  # steps of 0.1 s
@@ -41,6 +42,7 @@ COLUMNS: Final = (HELD, "unseen_basic", "noisy", "compositional", "multi_ball")
 BOUNDS: Final[Mapping[str, Predict]] = {"nothing moves": nothing_moves, "free fall until contact": falls_until_contact}
 SEED: Final = 1  # of the judged plans
 COUNTED: Final = 100  # other plays of each game, whose more frequent outcome is a bound
+MEASURES: Final = 2  # version of what an evaluation measures: one of an earlier version is made anew
 CERTAIN: Final = 0.01  # px, sigma of a place that is as good as certain
 
 Floats = npt.NDArray[np.float64]
@@ -59,20 +61,26 @@ def _balls(plays: Plays) -> npt.NDArray[np.bool_]:
     return np.asarray(ball & np.asarray(plays.scenes.moves))
 
 
+def _judged(plays: Plays) -> npt.NDArray[np.bool_]:
+    """(N, T, M) balls that move, within the picture."""
+    state = np.asarray(plays.state)
+    moves = np.linalg.norm(state[..., 3:5], axis=-1) > MOVING
+    seen = ((state[..., :2] >= 0) & (state[..., :2] <= SCREEN)).all(axis=-1)
+    return np.asarray(moves & seen & _balls(plays)[np.asarray(plays.scene)][:, None])
+
+
 def moving_windows(plays: Plays) -> Integers:
-    """Beginnings (W, 2), play and instant, at which a ball moves; always the same ones."""
-    state, scene = np.asarray(plays.state), np.asarray(plays.scene)
-    speed = np.linalg.norm(state[..., 3:5], axis=-1)
-    moving = ((speed > MOVING) & _balls(plays)[scene][:, None]).any(axis=-1)
+    """Beginnings (W, 2), play and instant, at which a ball moves within the picture; always the same ones."""
+    state, moving = np.asarray(plays.state), _judged(plays).any(axis=-1)
     found = np.argwhere(moving & (np.arange(state.shape[1]) + 1 < np.asarray(plays.valid)[:, None]))
     chosen = np.random.default_rng(0).permutation(len(found))[:WINDOWS]
     return found[np.sort(chosen)].astype(np.int32)
 
 
 def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, plays: Plays, index: Integers) -> Floats:  # noqa: ANN401
-    """Distances (horizons, W, M), px, between predicted and real balls; NaN for other bodies and after the end.
+    """Distances (horizons, W, M), px, between predicted and real balls that move in the picture at first.
 
-    A model that remembers has seen the play from its start.
+    NaN for other bodies and after the end. A model that remembers has seen half a window of its training before.
 
     Args:
         predict: of a model or a bound.
@@ -87,17 +95,18 @@ def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, pl
     state = State(*map(jnp.asarray, state_of(recorded[number, instant])))
     removed = np.asarray(plays.gone)[number]
     seen = (jnp.asarray(recorded[number]), jnp.asarray(removed), jnp.asarray(instant))
-    memory = memory_after(predict, params, start_memory(config, scene), *seen)
+    steps = 0 if config is None else config.sequence // 2
+    memory = memory_after(predict, params, start_memory(config, scene), *seen, steps)
     gone = removed - instant[:, None]
     rows = rows_of(scene, state, jnp.asarray(gone >= 0))
     centre = np.asarray(roll(predict, params, memory, rows, jnp.asarray(gone), max(HORIZONS)))
     mover = np.asarray(scene.mover)
-    errors = np.full((len(HORIZONS), *mover.shape), np.nan)
+    errors, judged = np.full((len(HORIZONS), *mover.shape), np.nan), _judged(plays)[number, instant]
     for k, horizon in enumerate(HORIZONS):
         there = np.take_along_axis(centre[horizon - 1], mover[..., None], axis=1)
         later = np.minimum(instant + horizon, recorded.shape[1] - 1)
         error = np.linalg.norm(there - recorded[number, later][..., :2], axis=-1)
-        counted = (instant + horizon < np.asarray(plays.valid)[number])[:, None] & _balls(plays)[plays.scene[number]]
+        counted = (instant + horizon < np.asarray(plays.valid)[number])[:, None] & judged
         errors[k] = np.where(counted, error, np.nan)
     return errors
 
