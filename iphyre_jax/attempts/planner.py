@@ -55,20 +55,23 @@ class Planner:
         check_dtype(self.dtype)
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans as `best_plans` gives them; a later call may repeat them."""
-        del past
+        """Propose the k best plans as `best_plans` gives them, of those that were not tried."""
         if k > self.plans:
             raise ValueError(f"plans: expected at least {k} imagined plans for as many attempts, got {self.plans}")
-        times = different_plans(rng, scene, self.plans)
+        times = different_plans(rng, scene, self.plans, past)
         scenes = displaced(scene, self.copies, self.sigma, rng) if self.sigma else [scene]
         imagined = imagined_rewards(scenes, times, fps=self.fps, resets=self.resets, dtype=self.dtype)
         return best_plans(times, imagined, k)
 
 
-def different_plans(rng: np.random.Generator, scene: Scene, count: int) -> Floats:
-    """Draw `random_plans` of a scene and leave out repeated ones, (N, S) s with N at most `count`."""
+def different_plans(rng: np.random.Generator, scene: Scene, count: int, past: Sequence[Attempt] = ()) -> Floats:
+    """Draw `random_plans` of a scene, and leave out what was drawn before or tried, (N, S) s with N at most `count`.
+
+    If all drawn plans were tried, they come again.
+    """
     times = random_plans(rng, len(scene.eliminable_blocks), count)
-    return times[unrepeated(times)]
+    new = unrepeated(np.concatenate([*(attempt.times[None] for attempt in past), times]))[len(past) :]
+    return times[new if new.any() else unrepeated(times)]
 
 
 def best_plans(times: Floats, imagined: Floats, k: int) -> Floats:

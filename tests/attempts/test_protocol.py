@@ -113,6 +113,11 @@ def test_a_planner_tries_no_plan_twice_while_there_are_others() -> None:
     few = Planner(plans=30)(scene, 30, np.random.default_rng(0), [])
     np.testing.assert_array_equal(few[:20], plans)
     assert unrepeated(few).sum() == unrepeated(drawn).sum()  # then the best come again
+    past = [Attempt(plan, False, -35.0, 2, 15.0, None) for plan in plans]
+    later = Planner(plans=30)(scene, 3, np.random.default_rng(0), past)
+    np.testing.assert_array_equal(later, few[20:23])
+    all_tried = [Attempt(plan, False, -35.0, 2, 15.0, None) for plan in drawn]
+    np.testing.assert_array_equal(Planner(plans=30)(scene, 20, np.random.default_rng(0), all_tried), plans)
 
 
 def test_planner_needs_as_many_plans_as_attempts() -> None:

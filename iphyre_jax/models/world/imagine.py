@@ -127,7 +127,6 @@ class WorldPlanner:
     plans: int = 300
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
-        """Propose the k best plans as `best_plans` gives them; a later call may repeat them."""
-        del past
-        times = different_plans(rng, scene, check_whole("plans", self.plans, k))
+        """Propose the k best plans as `best_plans` gives them, of those that were not tried."""
+        times = different_plans(rng, scene, check_whole("plans", self.plans, k), past)
         return best_plans(times, self.imagine(scene, times)[None], k)
