@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.attempts.agents import unrepeated
+from iphyre_jax.attempts.planner import best_plans
 from iphyre_jax.checks import check_plans, check_whole
 from iphyre_jax.models.outcome.plays.augmented import random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
@@ -70,8 +71,7 @@ def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Age
         loaded = load_scene(scene)
         blocks = len(loaded.eliminable_blocks)
         plans = candidates(blocks, count, rng)
-        best = np.argsort(-judge(loaded, plans), kind="stable")
-        return plans[np.resize(best, check_whole("k", k)), :blocks]
+        return best_plans(plans, judge(loaded, plans)[None], check_whole("k", k))[:, :blocks]
 
     return propose
 

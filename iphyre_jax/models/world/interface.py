@@ -42,6 +42,7 @@ def start_memory(config: WorldConfig | None, scene: SceneTables) -> Memory:
     return Memory(scene, recurrent)
 
 
+@partial(jax.jit, static_argnums=(0, 6))
 def memory_after(
     predict: Predict,
     params: Params,
@@ -60,23 +61,11 @@ def memory_after(
         recorded: (B, T, M, 6) states of the plays, as in `Plays`.
         gone: (B, 12) instants from which on objects are gone.
         instant: (B,) below T.
-        steps: how many instants it saw; fewer where the play had fewer.
+        steps: how many instants it saw, static; fewer where the play had fewer.
     """
     if not jax.tree.leaves(memory.recurrent):
         return memory
-    return _remembered(predict, params, memory, recorded, gone, instant, steps)
 
-
-@partial(jax.jit, static_argnums=(0, 6))
-def _remembered(
-    predict: Predict,
-    params: Params,
-    memory: Memory,
-    recorded: jax.Array,
-    gone: jax.Array,
-    instant: jax.Array,
-    steps: int,
-) -> Memory:
     def see(before: Memory, ago: jax.Array) -> tuple[Memory, None]:
         k = (instant - ago)[:, None]
         state = jnp.take_along_axis(recorded, jnp.maximum(k, 0)[..., None, None], axis=1)[:, 0]

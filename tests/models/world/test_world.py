@@ -80,7 +80,7 @@ def test_free_fall_is_exact_before_training() -> None:
 
 
 @pytest.mark.slow
-def test_a_model_that_remembers_has_seen_the_play_from_its_start() -> None:
+def test_a_model_that_remembers_has_seen_what_came_before() -> None:
     """The memory at instant 2 of a play is that of two predictions from what was there, removal and all."""
     found = falling(2, 20)
     params = jax.jit(mdrnn.init, static_argnums=0)(MDRNN, jax.random.key(0))
