@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from iphyre_jax.envs.strategies import StrategyName
-from iphyre_jax.train.settings.agents import PPO, SAC, AgentName
+from iphyre_jax.train.settings.agents import PPO, AgentName
 from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import PERFECT, ZEROS, TrainConfig, preset
 
@@ -27,13 +27,6 @@ PREDICTIONS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
         "motion": {"observation": "motion"},
     }
 )  # what an agent sees besides the official observation; run folders are those of `make results-world`
-# Of SAC among the controllers, which were trained before its presets learned more from each update.
-EARLIER_SAC: Final[Mapping[StrategyName, Mapping[str, Any]]] = MappingProxyType(
-    {
-        "on-the-fly": {"learner": SAC(n_step=10, target_entropy=0.1, alpha=0.01), "updates": 40},
-        "combined": {"learner": SAC(learning_rate=1e-3)},
-    }
-)
 QUICK: Final = preset(name="quick")
 SMOOTH: Final = replace(QUICK, fps=60, resets=1, updates=150, learner=PPO(std_floor=150.0, ent_coef=0.03))
 
@@ -62,8 +55,6 @@ def controllers() -> dict[str, TrainConfig]:
     table = {}
     for agent, strategy in product(CONTROLLERS, MOVING):
         plain = replace(preset(agent, strategy), fps=60, resets=1, observation="official")
-        if agent == "sac":
-            plain = replace(plain, **EARLIER_SAC[strategy])
         for name, changes in PREDICTIONS.items():
             table[f"{plain.paper_name.lower()}-{name}"] = replace(plain, **changes)
     return table
