@@ -61,10 +61,12 @@ class RunFolders(Generic[S]):
     Attributes:
         schema: of config.json and evaluation.json.
         kind: class of the settings.
+        measures: version of what an evaluation measures; one of another version is made anew.
     """
 
     schema: str
     kind: type[S]
+    measures: int = 1
 
     def create(self, folder: Path, config: S, **learned: object) -> None:
         """Begin a run folder, or find the same run in it.
@@ -100,7 +102,9 @@ class RunFolders(Generic[S]):
         return settings_of(self.kind, read_versioned(file, self.schema, (VERSION,)).get("settings"), str(file))
 
     def read_published(self, folder: Path, config: S) -> dict[str, Any] | None:
-        """The evaluation of a run with these settings that `runs.publish` put into a folder; None if there is none.
+        """The evaluation of a run with these settings that `runs.publish` put into a folder.
+
+        None if there is none, or one of other measures.
 
         Raises:
             ValueError: one line naming the file and what is wrong with it.
@@ -108,7 +112,8 @@ class RunFolders(Generic[S]):
         if not (folder / EVALUATION).is_file():
             return None
         found = self.read_evaluation(folder)
-        return found if found.get("settings") == config.to_json() else None
+        wanted = {"settings": config.to_json(), "measures": self.measures}
+        return found if {"measures": 1, **found}.items() >= wanted.items() else None
 
     def published_row(self, where: Comparison, config: S, make: Callable[[], object]) -> dict[str, Any]:
         """The evaluation of a run with these settings that is published; if there is none yet, make and publish it.

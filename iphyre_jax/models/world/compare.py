@@ -16,7 +16,7 @@ from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
 from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
-from iphyre_jax.models.world.reports.metrics import COLUMNS, MEASURES, frequent_outcomes, measured
+from iphyre_jax.models.world.reports.metrics import COLUMNS, error_bounds, frequent_outcomes, measured
 from iphyre_jax.models.world.runs import train
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
@@ -106,7 +106,7 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     steps = model.origin["steps"]
     if (folder / EVALUATION).is_file():
         found = storage.RUNS.read_evaluation(folder)
-        same = {"settings": model.config.to_json(), "steps": steps, "measures": MEASURES}
+        same = {"settings": model.config.to_json(), "steps": steps, "measures": storage.RUNS.measures}
         if all(found.get(field) == value for field, value in same.items()):
             return found
     return {
@@ -114,7 +114,7 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
         "version": VERSION,
         "settings": model.config.to_json(),
         "steps": steps,
-        "measures": MEASURES,
+        "measures": storage.RUNS.measures,
         "columns": {},
         "planning": {},
         **provenance(),
@@ -170,5 +170,5 @@ def write_report(where: Comparison) -> None:
         else:
             found.setdefault(name, []).append(known)
     folder = where.published / "bounds"
-    bounds, frequent = planning_bounds(folder, PLANS), frequent_outcomes(folder)
-    report.write(where.out, found, bounds, frequent, missing, provenance_facts())
+    bounds = report.Bounds(error_bounds(folder), frequent_outcomes(folder), planning_bounds(folder, PLANS))
+    report.write(where.out, found, bounds, missing, provenance_facts())

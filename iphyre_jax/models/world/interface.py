@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.networks.geometry import contact
-from iphyre_jax.models.world.rows import centres, rows_of, state_in
+from iphyre_jax.models.world.rows import ROW, centres, rows_of, state_in
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import SceneTables, State, state_of
 from iphyre_jax.observations.official import LENGTH_COLUMNS
@@ -25,10 +25,10 @@ NEIGHBOURS: Final = 6  # objects that a body may touch
 
 
 class Memory(NamedTuple):
-    """What a model keeps of B worlds: their scenes, and what a recurrent network remembers."""
+    """What a model keeps of B worlds: their scenes, and what it remembers."""
 
     scene: SceneTables  # (B, ...)
-    recurrent: Any  # of "mdrnn": two (B, 256); else ()
+    recurrent: Any  # of "mdrnn": two (B, 256); of a bound: the tables 0.1 s before, zeros at the start; else ()
 
 
 Predict = Callable[[Params, Memory, jax.Array, jax.Array], tuple[jax.Array, Memory]]
@@ -37,9 +37,10 @@ Predict = Callable[[Params, Memory, jax.Array, jax.Array], tuple[jax.Array, Memo
 
 
 def start_memory(config: WorldConfig | None, scene: SceneTables) -> Memory:
-    """The memory before the first step; scene: tables of each of B worlds."""
-    recurrent = mdrnn.empty_memory(scene.centre.shape[0]) if config is not None and config.model == "mdrnn" else ()
-    return Memory(scene, recurrent)
+    """The memory before the first step, of a bound if there are no settings; scene: tables of each of B worlds."""
+    if config is None:
+        return Memory(scene, jnp.zeros((*scene.radius.shape, ROW)))
+    return Memory(scene, mdrnn.empty_memory(scene.centre.shape[0]) if config.model == "mdrnn" else ())
 
 
 @partial(jax.jit, static_argnums=(0, 6))
@@ -71,8 +72,11 @@ def memory_after(
         state = jnp.take_along_axis(recorded, jnp.maximum(k, 0)[..., None, None], axis=1)[:, 0]
         rows = rows_of(before.scene, state_of(state), gone >= k)  # before the removals that are due
         _, after = predict(params, before, rows, gone == k)
-        recurrent = jax.tree.map(lambda new, old: jnp.where(k >= 0, new, old), after.recurrent, before.recurrent)
-        return before._replace(recurrent=recurrent), None
+
+        def kept(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jnp.where(jnp.expand_dims(instant >= ago, range(1, new.ndim)), new, old)
+
+        return before._replace(recurrent=jax.tree.map(kept, after.recurrent, before.recurrent)), None
 
     return jax.lax.scan(see, memory, jnp.arange(steps, 0, -1))[0]
 
@@ -112,6 +116,18 @@ def nothing_moves(params: Params, memory: Memory, rows: jax.Array, removal: jax.
     """A bound: all stays where it is."""
     del params
     return jnp.where(removal[..., None], 0.0, rows), memory
+
+
+def moves_on(params: Params, memory: Memory, rows: jax.Array, removal: jax.Array) -> tuple[jax.Array, Memory]:
+    """A bound that sees places alone: in each 0.1 s bodies go as far as in the one before, without turning."""
+    del params
+    scene, state = state_in(memory.scene, rows)
+    alive = rows[..., LENGTH_COLUMNS - 1] > 0
+    before = jnp.take_along_axis(memory.recurrent, scene.mover[..., None], axis=1)
+    known = before[..., LENGTH_COLUMNS - 1 : LENGTH_COLUMNS] > 0
+    further = jnp.where(known, 2 * state.centre - centres(before), state.centre)
+    after = rows_of(scene, state._replace(centre=further), alive & ~removal)
+    return after, memory._replace(recurrent=rows)
 
 
 def falls_until_contact(

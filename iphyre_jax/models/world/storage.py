@@ -26,7 +26,7 @@ from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
 
 MAX_STATE: Final = 2**28  # bytes
-RUNS: Final = RunFolders("iphyre_jax/world-run", WorldConfig)
+RUNS: Final = RunFolders("iphyre_jax/world-run", WorldConfig, measures=2)
 FILES: Final = WeightFiles("iphyre_jax/world-model", WorldConfig, "model", np.float32, MAX_STATE)
 LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.world").joinpath("weights")))

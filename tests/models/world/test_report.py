@@ -13,7 +13,7 @@ from iphyre_jax.files import replace_json
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, storage
 from iphyre_jax.models.world.reports import metrics
-from iphyre_jax.models.world.reports.metrics import BOUNDS, HORIZONS
+from iphyre_jax.models.world.reports.metrics import ERROR_BOUNDS, HORIZONS
 from iphyre_jax.scenes import SPLITS
 from iphyre_jax.train.reports.report import seeds_cell
 
@@ -21,9 +21,8 @@ from iphyre_jax.train.reports.report import seeds_cell
 def _evaluation(seed: int, first: float) -> dict[str, Any]:
     """A made-up evaluation of "objects-100"; `first`: reward of the first attempt in each split."""
     config = compare.row_settings("objects-100", seed)
-    errors = {name: [float(seed + 1)] * len(HORIZONS) for name in ("model", *BOUNDS)}
     measures = {
-        "median error px": errors,
+        "median error px": {"model": [float(seed + 1)] * len(HORIZONS)},
         "outcomes": {"right": 0.5 + 0.1 * seed},
         "calibration": {"one sigma": 0.7, "two sigma": 0.9, "uncertain": 0.5},
     }
@@ -32,6 +31,7 @@ def _evaluation(seed: int, first: float) -> dict[str, Any]:
         "version": VERSION,
         "settings": config.to_json(),
         "steps": config.steps,
+        "measures": storage.RUNS.measures,
         "columns": {"basic": measures},
         "planning": {split: _played(first) for split in planning.PLANNED},
     }
@@ -44,17 +44,20 @@ def _played(first: float) -> dict[str, Any]:
 def test_the_report_shows_seeds_bounds_and_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "planned", lambda agent, games, plans: _played(950.0))
     monkeypatch.setattr(metrics, "_frequent", lambda split: 0.65 if split == "basic" else 0.5)
+    monkeypatch.setattr(metrics, "_bounded", lambda split: {name: [7.0] * len(HORIZONS) for name in ERROR_BOUNDS})
     where = Comparison(tmp_path, tmp_path / "world.md")
-    for seed, first in ((0, 400.0), (2, 600.0)):
+    earlier = {"measures": storage.RUNS.measures - 1}
+    for seed, first, changes in ((0, 400.0, {}), (1, 500.0, earlier), (2, 600.0, {})):
         folder = where.published / f"objects-100-{seed}"
         folder.mkdir(parents=True)
-        replace_json(folder / EVALUATION, _evaluation(seed, first))
+        replace_json(folder / EVALUATION, {**_evaluation(seed, first), **changes})
     compare.write_report(where)
     text = where.out.read_text()
     assert "| objects-100 | 0 2 | 100 | 2000 | 128 |" in text
     assert "objects-100-1" in text
     assert "objects-100-2" not in text
     assert "| objects-100 | 2.00 ± 1.41 |" in text  # errors of 1 and 3 px
+    assert text.count("| moves on as in the last 0.1 s | 7.00 | 7.00 |") == 1
     assert "| always the more frequent outcome of 100 other plays of each game | 65.0 | 50.0 |" in text
     assert "| objects-100 | 70 ± 0 / 90 ± 0 of 50 ± 0 |" in text
     assert "| objects-100, first | 500 ± 141 / 50 ± 0 % |" in text

@@ -21,6 +21,7 @@ from iphyre_jax.models.world.imagine import WorldImagination, WorldPlanner
 from iphyre_jax.models.world.interface import (
     falls_until_contact,
     memory_after,
+    moves_on,
     nothing_moves,
     predictor,
     roll,
@@ -77,6 +78,10 @@ def test_free_fall_is_exact_before_training() -> None:
     still = horizon_errors(nothing_moves, (), None, falling(3, 80), index)
     assert still[0, 0, 0] == pytest.approx(np.hypot(0.7, 0.1 * 100 / 60 + 15 * 100 / 3600), rel=1e-3)
     assert horizon_errors(falls_until_contact, (), None, falling(3, 80), index)[3].max() < 0.05
+    # Gravity adds 100 px/s^2 x (0.1 s)^2 = 1 px to each way; at the start nothing is known of a way before.
+    steadily = horizon_errors(moves_on, (), None, falling(3, 80), index)[:3, :, 0]
+    np.testing.assert_allclose(steadily[:, 1:], np.repeat([[1], [15], [55]], 2, axis=1), atol=0.02)
+    np.testing.assert_allclose(steadily[:, 0], still[:3, 0, 0], atol=1e-4)
 
 
 @pytest.mark.slow

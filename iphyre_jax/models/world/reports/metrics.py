@@ -1,4 +1,4 @@
-"""What a world model is worth: errors by horizon beside two bounds, calibration, imagined outcomes."""
+"""What a world model is worth: errors by horizon beside bounds, calibration, imagined outcomes."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from iphyre_jax.models.world.interface import (
     Predict,
     falls_until_contact,
     memory_after,
+    moves_on,
     nothing_moves,
     predictor,
     roll,
@@ -40,9 +41,9 @@ PLAYS: Final = 10  # of each game
 HELD: Final = "basic"  # games that were learned from, with other plans
 COLUMNS: Final = (HELD, "unseen_basic", "noisy", "compositional", "multi_ball")
 BOUNDS: Final[Mapping[str, Predict]] = {"nothing moves": nothing_moves, "free fall until contact": falls_until_contact}
+ERROR_BOUNDS: Final = {**BOUNDS, "moves on as in the last 0.1 s": moves_on}  # which tells nothing of a start at rest
 SEED: Final = 1  # of the judged plans
 COUNTED: Final = 100  # other plays of each game, whose more frequent outcome is a bound
-MEASURES: Final = 2  # version of what an evaluation measures: one of an earlier version is made anew
 CERTAIN: Final = 0.01  # px, sigma of a place that is as good as certain
 
 Floats = npt.NDArray[np.float64]
@@ -80,7 +81,8 @@ def moving_windows(plays: Plays) -> Integers:
 def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, plays: Plays, index: Integers) -> Floats:  # noqa: ANN401
     """Distances (horizons, W, M), px, between predicted and real balls that move in the picture at first.
 
-    NaN for other bodies and after the end. A model that remembers has seen half a window of its training before.
+    NaN for other bodies and after the end. A model that remembers has seen half a window of its training before, a
+    bound the last 0.1 s.
 
     Args:
         predict: of a model or a bound.
@@ -95,7 +97,7 @@ def horizon_errors(predict: Predict, params: Any, config: WorldConfig | None, pl
     state = State(*map(jnp.asarray, state_of(recorded[number, instant])))
     removed = np.asarray(plays.gone)[number]
     seen = (jnp.asarray(recorded[number]), jnp.asarray(removed), jnp.asarray(instant))
-    steps = 0 if config is None else config.sequence // 2
+    steps = 1 if config is None else config.sequence // 2
     memory = memory_after(predict, params, start_memory(config, scene), *seen, steps)
     gone = removed - instant[:, None]
     rows = rows_of(scene, state, jnp.asarray(gone >= 0))
@@ -147,6 +149,26 @@ def outcomes(predict: Predict, model: WorldModel, plays: Plays) -> dict[str, flo
     }
 
 
+def median_errors(errors: Floats) -> list[float]:
+    """The median of `horizon_errors` at each horizon, px."""
+    return [float(np.nanmedian(row)) for row in errors]
+
+
+def error_bounds(folder: Path) -> Row:
+    """Median errors of ERROR_BOUNDS at each horizon, px, by split and name, of the moments by which models are judged.
+
+    The row is kept in a file of the folder; errors as `kept_row`.
+    """
+    settings = {"plays": PLAYS, "seed": SEED, "windows": WINDOWS, "horizons": list(HORIZONS)}
+    return kept_row(folder, "errors", settings, lambda: {split: _bounded(split) for split in COLUMNS})
+
+
+def _bounded(split: str) -> dict[str, list[float]]:
+    plays = judged_plays(split)
+    index = moving_windows(plays)
+    return {name: median_errors(horizon_errors(bound, (), None, plays, index)) for name, bound in ERROR_BOUNDS.items()}
+
+
 def frequent_outcomes(folder: Path) -> Row:
     """What always saying how most of COUNTED other plays of a game end is worth: the share that is right, by split.
 
@@ -167,14 +189,12 @@ def measured(model: WorldModel, split: str) -> dict[str, Any]:
     """All measures of a model on a split, as JSON values."""
     plays, predict = judged_plays(split), predictor(model.config)
     index = moving_windows(plays)
-    each = {"model": horizon_errors(predict, model.params, model.config, plays, index)}
-    for name, bound in BOUNDS.items():
-        each[name] = horizon_errors(bound, (), None, plays, index)
+    errors = horizon_errors(predict, model.params, model.config, plays, index)
     content: dict[str, Any] = {
         "plays": len(plays.scene),
         "windows": len(index),
-        "median error px": {name: [float(np.nanmedian(row)) for row in rows] for name, rows in each.items()},
-        "one step, 90 %": float(np.nanquantile(each["model"][0], 0.9)),
+        "median error px": {"model": median_errors(errors)},
+        "one step, 90 %": float(np.nanquantile(errors[0], 0.9)),
         "outcomes": outcomes(predict, model, plays),
     }
     if model.config.model == "objects":

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from iphyre_jax.files import replace_text
+from iphyre_jax.kept_rows import Row
 from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
-from iphyre_jax.models.world.reports.metrics import BOUNDS, CERTAIN, COLUMNS, COUNTED, HORIZONS
+from iphyre_jax.models.world.reports.metrics import CERTAIN, COLUMNS, COUNTED, HORIZONS
 from iphyre_jax.provenance import made_by
 from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
@@ -37,7 +38,8 @@ that is only imagined?
 * Errors are medians over balls, px, that move faster than 5 px/s within the picture when the prediction begins: 300
   moments a column. Those whose play ends sooner drop out, at 6 s a third to a half, so a line is no curve.
 * `objects` and free fall are given the velocities of that moment. `mdrnn` sees places alone, those of the 3.2 s before
-  too: it learned from windows of 6.4 s, at the start of which it remembers nothing. No bound sees places alone.
+  too: it learned from windows of 6.4 s, at the start of which it remembers nothing. "Moves
+  on" sees places alone too, this one and that of 0.1 s before; it knows neither gravity nor contact.
 * Imagined outcomes and plans begin at rest. Outcomes are of 10 plays of each game, 100 in a column: differences under
   some 8 points can be chance. The last row knows how other plays of the same game end; no model does.
 * Plays are judged in float32, planned attempts in float64. Planners try no plan twice. Where no plan solves a game in a
@@ -49,19 +51,25 @@ that is only imagined?
 Evaluations = Mapping[str, Sequence[Mapping[str, Any]]]
 
 
+class Bounds(NamedTuple):
+    """What needs no model, by split."""
+
+    errors: Row  # as `error_bounds` gives them
+    frequent: Row  # share of plans that end as most other plays of their game
+    planning: Mapping[str, Row]  # other planners, as `planning_bounds` gives them
+
+
 def _columns(runs: Sequence[Mapping[str, Any]], column: str) -> list[Mapping[str, Any]]:
     return [run["columns"][column] for run in runs if column in run["columns"]]
 
 
-def horizon_table(evaluations: Evaluations, column: str) -> str:
-    """Median errors by horizon, with the two bounds."""
+def horizon_table(evaluations: Evaluations, column: str, bounds: Mapping[str, Sequence[float]]) -> str:
+    """Median errors by horizon, of models and of bounds."""
     rows = []
     for name, runs in evaluations.items():
         errors = [found["median error px"] for found in _columns(runs, column)]
         rows.append([name, *(seeds_cell([one["model"][k] for one in errors], digits=2) for k in range(len(HORIZONS)))])
-    some = [found for runs in evaluations.values() for found in _columns(runs, column)][:1]
-    for bound in BOUNDS if some else ():
-        rows.append([bound, *(f"{value:.2f}" for value in some[0]["median error px"][bound])])
+    rows += [[name, *(f"{value:.2f}" for value in errors)] for name, errors in bounds.items()]
     return markdown_table(["row", *(f"{horizon / 10:g} s" for horizon in HORIZONS)], rows)
 
 
@@ -127,8 +135,7 @@ def runs_table(evaluations: Evaluations) -> str:
 def write(
     out: Path,
     evaluations: Evaluations,
-    bounds: Mapping[str, Mapping[str, Any]],
-    frequent: Mapping[str, float],
+    bounds: Bounds,
     missing: Sequence[str],
     facts: Mapping[str, Any],
 ) -> None:
@@ -137,8 +144,7 @@ def write(
     Args:
         out: of the document.
         evaluations: of each seed, by row, in the order shown.
-        bounds: other planners, as `planning_bounds` gives them.
-        frequent: share of plans that end as most other plays of their game, by split.
+        bounds: what needs no model.
         missing: runs that are not there.
         facts: provenance, JSON values.
     """
@@ -147,8 +153,11 @@ def write(
         parts.append(f"Missing: {', '.join(missing)}.")
     for column in COLUMNS:
         if any(_columns(runs, column) for runs in evaluations.values()):
-            parts += [f"## Error of balls, {TITLES[column]}, px", horizon_table(evaluations, column)]
-    parts += ["## Outcomes imagined rightly, %", outcome_table(evaluations, frequent)]
+            parts += [
+                f"## Error of balls, {TITLES[column]}, px",
+                horizon_table(evaluations, column, bounds.errors[column]),
+            ]
+    parts += ["## Outcomes imagined rightly, %", outcome_table(evaluations, bounds.frequent)]
     if any("calibration" in each for runs in evaluations.values() for c in COLUMNS for each in _columns(runs, c)):
         parts += [
             "## Calibration",
@@ -165,7 +174,7 @@ def write(
             "ones imagined; the best are played: reward / games solved. The exact simulator bounds what any model can "
             "reach with these plans. All have the same one draw of plans: ± is over models alone, and a game is 10 % "
             "of a column.",
-            planning_table(evaluations, bounds),
+            planning_table(evaluations, bounds.planning),
         ]
     parts.append(made_by(facts))
     replace_text(out, "\n\n".join(part.strip() for part in parts) + "\n")
