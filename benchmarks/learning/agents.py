@@ -86,9 +86,14 @@ def finished_run(folder: Path, config: TrainConfig, console: Console) -> RunStat
 
 
 def check_settings(folder: Path, found: TrainConfig, wanted: TrainConfig) -> None:
-    """Refuse a run with other settings than a row's; sums of files are written down when a run starts."""
+    """Refuse a run with other settings than a row's, or whose files are others now.
+
+    Sums of files are written down when a run starts.
+    """
     if without_sums(found) != wanted:
         raise ValueError(f"{folder}: expected the settings of this row, found others; remove it")
+    if _changed_files(found):
+        raise ValueError(f"{folder}: its world model or scene pool is another one now; remove it")
 
 
 def run_row(folder: Path, published: Path, config: TrainConfig, console: Console) -> None:
@@ -104,10 +109,7 @@ def run_row(folder: Path, published: Path, config: TrainConfig, console: Console
         ValueError: one line; the folder holds a run with other settings, or a damaged checkpoint.
     """
     if is_evaluated(folder, config.updates):
-        found = runs.read_config(folder)
-        check_settings(folder, found, config)
-        if _changed_files(found):
-            raise ValueError(f"{folder}: its world model or scene pool is another one now; remove it")
+        check_settings(folder, runs.read_config(folder), config)
     else:
         state = finished_run(folder, config, console)
         as_run = runs.read_config(folder)  # with the sums of its files
@@ -122,12 +124,12 @@ def is_evaluated(folder: Path, updates: int) -> bool:
     """
     if not (folder / runs.EVALUATION).is_file():
         return False
-    trained = read_json_object(folder / runs.EVALUATION).get("updates trained")
-    return str(trained).startswith(f"{updates} of {updates},") and set(ALL_GAMES) <= set(compare.read(folder).games)
+    found = compare.read(folder)
+    return found.updates == updates and set(ALL_GAMES) <= set(found.games)
 
 
 def is_published(folder: Path, config: TrainConfig) -> bool:
-    """Whether a run with these settings is published in a folder; one with others, or other files, is out of date."""
+    """Whether a folder has an evaluated run with these settings; one with others, or other files, is out of date."""
     if not is_evaluated(folder, config.updates):
         return False
     found = runs.read_config(folder)
@@ -142,11 +144,15 @@ def _changed_files(config: TrainConfig) -> bool:
     return now != config
 
 
-def export_best(arguments: Arguments, name: str) -> None:
-    """Write the weights of a row's best seed, by greedy reward on the basic and unseen basic games (no test games)."""
-    folders = [arguments.root / name / f"seed-{seed}" for seed in range(arguments.seeds)]
-    if arguments.weights is None or not all((folder / runs.EVALUATION).is_file() for folder in folders):
+def export_best(arguments: Arguments, name: str, config: TrainConfig) -> None:
+    """Write the weights of a row's best seed, by greedy reward on the basic and unseen basic games (no test games).
+
+    Nothing is written unless all seeds are there, trained and evaluated with the settings of the row.
+    """
+    wanted = {arguments.root / name / f"seed-{seed}": replace(config, seed=seed) for seed in range(arguments.seeds)}
+    if arguments.weights is None or not all(is_published(*run) for run in wanted.items()):
         return
+    folders = list(wanted)
     seeds = [compare.read(folder) for folder in folders]
     rewards = [float(np.mean(run.scores("greedy", "basic") + run.scores("greedy", "unseen_basic"))) for run in seeds]
     best = int(np.argmax(rewards))
@@ -179,7 +185,7 @@ def main(arguments: Arguments) -> None:
         forget_programs()
     for name in names:
         if table[name].agent != "random":
-            export_best(arguments, name)
+            export_best(arguments, name, table[name])
 
 
 def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:

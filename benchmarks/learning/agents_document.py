@@ -121,9 +121,9 @@ def _signed(value: Summary | None) -> str:
 def _unseen(rows: Sequence[compare.Row]) -> str:
     """The ten unseen layouts of the basic games."""
     cells = []
-    for row in rows:
+    for row, name in zip(rows, compare.names(rows), strict=True):
         values = [row.summary(kind, "unseen_basic") for kind in compare.KINDS]
-        cells.append([row.name, *("-" if value is None else f"{value.mean:.1f}" for value in values)])
+        cells.append([name, *("-" if value is None else f"{value.mean:.1f}" for value in values)])
     return "### Unseen basic\n\n" + markdown_table(["agent", *compare.KINDS], cells)
 
 
@@ -143,12 +143,12 @@ def _times(rows: Sequence[compare.Row]) -> str:
     """Wall time of each row, and time to the paper's PPO-I."""
     header = ["agent", "episodes", "decisions", "training, s (median)", f"s to {PAPER_BASIC:.1f} on basic (median)"]
     cells = []
-    for row in rows:
+    for row, name in zip(rows, compare.names(rows), strict=True):
         last = [logs.read(seed.path)[-1] for seed in row.seeds]
         reached = [seconds_to_paper(seed) for seed in row.seeds] if row.config.fps == OFFICIAL_FPS else [None]
         known = [seconds for seconds in reached if seconds is not None]
         to_paper = f"{np.median(known):.1f} ({len(known)} of {len(reached)} seeds)" if known else "-"
-        middle = [float(np.median([float(line[name]) for line in last])) for name in ("episodes", "decisions")]
+        middle = [float(np.median([float(line[column]) for line in last])) for column in ("episodes", "decisions")]
         wall = f"{np.median([float(line['seconds']) for line in last]):.0f}"
-        cells.append([row.name, *(f"{value:,.0f}" for value in middle), wall, to_paper])
+        cells.append([name, *(f"{value:,.0f}" for value in middle), wall, to_paper])
     return markdown_table(header, cells)

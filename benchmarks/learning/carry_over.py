@@ -88,7 +88,8 @@ class Arguments:
     only: tuple[str, ...] = ()
     """Rows to train, by name; by default all."""
     train: bool = True
-    """Train what is missing; else only write the document of what is there."""
+    """Train what is missing; else only play what is trained or ships and has no row, and write the document. The
+    generated scenes must be there, or are generated."""
     test: bool = False
     """Play the forty games with what is trained, and count it."""
     weights: Path | None = None
@@ -178,15 +179,18 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
         of_rate = {**policies.get(fps, {}), **_shipped(fps)}
         agents: dict[str, Agent] = {name: one.agent() for name, one in of_rate.items()}
         for name, agent in {"random plans": draw_randomly, **agents}.items():
-            settings = {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": DTYPE, "seed": 0, "name": name}
-            if name in of_rate:
-                settings.update(of_rate[name].settings())
+            settings = forty_settings(fps, name, of_rate[name].settings() if name in of_rate else {})
             tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps)))
     if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
         return
     counted(out / COUNTER)
     for place, name, settings, compute in tasks:
         kept_row(place, name, settings, compute)
+
+
+def forty_settings(fps: int, name: str, policy: Mapping[str, Any]) -> dict[str, Any]:
+    """What decides a row of the forty games: how they are played, the name, and the settings of its policy."""
+    return {"fps": fps, "tries": TRIES, "runs": RUNS, "dtype": DTYPE, "seed": 0, "name": name, **policy}
 
 
 def _shipped(fps: int) -> dict[str, Policy]:
@@ -239,8 +243,10 @@ def main(arguments: Arguments) -> None:
             held, forty = (_folder(arguments.rows, scenes, fps) / f"{name}-{seed}.json" for scenes in EVALUATED)
             if held.is_file():
                 first = with_sum(next(iter(runs_of_row.values())))
-                # Refuses one that is out of date.
-                read_row(held, settings_of_row(first, len(runs_of_row), ranker, ranking))
+                own = settings_of_row(first, len(runs_of_row), ranker, ranking)
+                read_row(held, own)  # refuses one that is out of date
+                if forty.is_file():
+                    read_row(forty, forty_settings(fps, f"{name}-{seed}", own))
             known = held.is_file() and (forty.is_file() or not arguments.test)
             there = all(is_trained(*run) for run in runs_of_row.items())
             if ranking:

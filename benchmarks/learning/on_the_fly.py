@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
@@ -21,7 +21,8 @@ import jax
 import numpy as np
 import tyro
 
-from benchmarks.learning.agents import SEEDS
+from benchmarks.learning.agents import SEEDS, is_published
+from benchmarks.learning.rows import rows as table_rows
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
 from iphyre_jax.provenance import provenance
@@ -119,12 +120,12 @@ def _table(titles: Sequence[str], means: dict[str, list[tuple[float, float, floa
 
 def _seeds(root: Path) -> str:
     """Greedy (median) and sampled rewards of all seeds, as `make results` trained and evaluated them."""
-    rows = []
+    rows, table = [], table_rows()
     for name in POLICIES:
-        folders = [root / name / f"seed-{seed}" for seed in range(SEEDS)]
-        if not all((folder / runs.EVALUATION).is_file() for folder in folders):
+        wanted = {root / name / f"seed-{seed}": replace(table[name], seed=seed) for seed in range(SEEDS)}
+        if not all(is_published(*run) for run in wanted.items()):
             continue
-        row = compare.Row(runs.read_config(folders[0]), tuple(compare.read(folder) for folder in folders))
+        (row,) = compare.rows([compare.read(folder) for folder in wanted])
         greedy, sampled = (_summary(row, kind, "basic") for kind in ("greedy", "sampled"))
         both = [f"{of.mean:.1f} [{of.low:.0f}, {of.high:.0f}]" for of in (greedy, sampled)]
         unseen = [f"{_summary(row, kind, 'unseen_basic').mean:.1f}" for kind in ("greedy", "sampled")]
@@ -139,7 +140,7 @@ def _seeds(root: Path) -> str:
     ]
     text = (
         f"Means of {SEEDS} seeds with 95 % t intervals over seeds; greedy is the median. Policies whose seeds "
-        "are not all trained are left out: `make results` trains them."
+        "are not all trained with the settings of today are left out: `make results` trains them."
     )
     return f"## All seeds\n\n{text}\n\n{markdown_table(header, rows)}"
 

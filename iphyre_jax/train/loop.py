@@ -85,27 +85,27 @@ def resume(folder: Path, console: Console, name: str | None = None) -> TrainingR
         say(console, f"Run folder: {folder}, {int(state.update)} of {config.updates} updates made")
         if change := runs.other_machine(folder):
             say(console, f"Run folder: {change}.")
-        for later in checkpoint.names(folder):
-            if int(later) > int(state.update):  # damaged, or another one was named
-                say(console, f"Checkpoint {later} is removed: the run goes on from an earlier one.")
-                checkpoint.remove(folder, later)
         return _continue(config, folder, state, console)
 
 
 def _continue(config: TrainConfig, folder: Path, state: RunState, console: Console) -> TrainingResult:
     """Make the updates that are left."""
-    log = Log(folder, trainer.columns(config), int(state.update), tensorboard=config.tensorboard)
+    update = int(state.update)
+    trained = Trainer(config, state, _seconds(folder, update))  # refuses other files before anything is removed
+    for later in checkpoint.names(folder):
+        if int(later) > update:  # damaged, or another one was named
+            say(console, f"Checkpoint {later} is removed: the run goes on from an earlier one.")
+            checkpoint.remove(folder, later)
+    log = Log(folder, trainer.columns(config), update, tensorboard=config.tensorboard)
     if log.missing:
-        lost = f"expected a line for each of {int(state.update)} updates, but {log.missing} are missing"
+        lost = f"expected a line for each of {update} updates, but {log.missing} are missing"
         say(console, f"{folder / logs.FILE}: {lost}; the run goes on without them")
-    made = logs.read(folder, ("seconds",))
-    trained = Trainer(config, state, float(made[-1]["seconds"]) if made else 0.0)
     finished, saved = False, time.monotonic()
     try:
         with training_progress(console) as progress:
             status = "compiling the physics of the games"
-            task = progress.add_task("train", total=config.updates, completed=int(state.update), status=status)
-            for _ in range(int(state.update), config.updates):
+            task = progress.add_task("train", total=config.updates, completed=update, status=status)
+            for _ in range(update, config.updates):
                 metrics = trained.update_step()
                 with _signals_held():
                     log.add(metrics)
@@ -127,6 +127,13 @@ def _continue(config: TrainConfig, folder: Path, state: RunState, console: Conso
                 log.close()
             draw_curve(folder, config)
     return TrainingResult(folder, state, finished)
+
+
+def _seconds(folder: Path, update: int) -> float:
+    """What a run had taken after so many updates."""
+    lines = logs.read(folder, ("seconds",)) if (folder / logs.FILE).is_file() else []
+    taken = [float(line["seconds"]) for line in lines if int(line["update"]) <= update]
+    return taken[-1] if taken else 0.0
 
 
 def _status(metrics: Metrics, config: TrainConfig) -> str:

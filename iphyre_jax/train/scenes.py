@@ -40,21 +40,22 @@ def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Sc
     """The scenes of an update but those of the pool, game by game, and the number of episodes of each.
 
     Without variations these are the games. With them, a game shares its episodes with variations of it, about GROUP
-    episodes each. Seed and update decide which. A pool gets its share of every game's groups.
+    episodes each; where they are too few to share, it or a variation is played, each in half of the updates. Seed and
+    update decide which. A pool gets its share of every game's groups.
     """
     groups, left = config.groups, config.pool_groups
     rng = np.random.default_rng([config.seed, update])
-    scenes = (_of_game(config, game, groups, groups - left, rng) for game in config.training_games)
+    scenes = (_of_game(config, game, groups - left, rng) for game in config.training_games)
     return tuple(chain.from_iterable(scenes)), config.episodes_per_scene // groups
 
 
-def _of_game(config: TrainConfig, game: str, groups: int, own: int, rng: np.random.Generator) -> Sequence[str | Scene]:
+def _of_game(config: TrainConfig, game: str, own: int, rng: np.random.Generator) -> Sequence[str | Scene]:
     """The scenes of a game's own groups: the game and variations of it, or without any the game again and again."""
     if not config.variations or not own:
         return [game] * own
     pool = variations(game, config.variations, config.seed + STREAM, config.added_blocks)
-    if groups == 1:
-        return [pool[int(rng.integers(len(pool)))]]
+    if own == 1:
+        return [game if rng.integers(2) else pool[int(rng.integers(len(pool)))]]
     return [game, *(pool[k] for k in rng.integers(len(pool), size=own - 1))]
 
 

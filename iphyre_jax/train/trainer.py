@@ -20,6 +20,8 @@ from iphyre_jax.train.settings.run import TrainConfig
 COLUMNS = ("update", "episodes", "decisions", "reward", "success", "greedy_reward", "faults")
 TIMING_COLUMNS = ("seconds", "play_seconds", "learn_seconds")  # all that differs between two runs of one seed
 
+MAX_DECISIONS = 2**31 - 1  # as a checkpoint counts them; the count stays there, the run goes on
+
 
 class RunState(NamedTuple):
     """All that an update changes, and all that a checkpoint keeps."""
@@ -92,7 +94,7 @@ class Trainer:
         same = not (config.variations or config.scene_pool)
         rollout = self._games if same else rollout_collector(config, scenes)
         trajectory, stats = rollout.collect(partial(self._algorithm.sample_action, state.learner), play_key, episodes)
-        decisions = state.decisions + int(trajectory.active.sum())
+        decisions = np.asarray(min(int(state.decisions) + int(trajectory.active.sum()), MAX_DECISIONS), np.int32)
         measured = update % config.greedy_every == 0 or update in (1, config.updates)
         greedy = self.greedy_reward() if measured else None
         learning = time.monotonic()

@@ -111,6 +111,15 @@ def test_variations_take_the_place_of_games_by_seed_and_update() -> None:
     assert training_scenes(TrainConfig(games=GAMES), 1) == (GAMES, 128)
 
 
+def test_a_game_with_few_episodes_is_played_in_half_of_the_updates() -> None:
+    config = TrainConfig(games=("support",), variations=6, episodes_per_scene=32)
+    played = [training_scenes(config, update)[0] for update in range(40)]
+    assert {len(scenes) for scenes in played} == {1}
+    games = sum(scenes[0] == "support" for scenes in played)
+    assert 10 < games < 30
+    assert len({scene.name + str(scene.balls) for (scene,) in played if not isinstance(scene, str)}) > 3
+
+
 def test_variations_that_are_refused_are_drawn_again() -> None:
     """One in a hundred of angle's is valid; none comes twice, and all differ from run seed to run seed."""
     found = [one.blocks.tobytes() for seed in (0, 1) for one in variations("angle", 20, seed)]

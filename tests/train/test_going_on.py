@@ -7,6 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -95,6 +96,29 @@ def test_an_earlier_checkpoint_is_chosen_aloud(finished: Path, tmp_path: Path, c
     loop.resume(folder, console, "000001")
     assert "Checkpoint 000002 is removed" in spoken(console)
     assert checkpoint.names(folder) == ["000001", "000002"]
+
+
+def test_what_cannot_go_on_loses_nothing(
+    finished: Path, tmp_path: Path, console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = Path(shutil.copytree(finished, tmp_path / "run"))
+    lines = (folder / logs.FILE).read_text()
+
+    def refuse(*_: object) -> trainer.Trainer:
+        raise FileNotFoundError("scene_pool: it was moved")
+
+    monkeypatch.setattr(loop, "Trainer", refuse)
+    with pytest.raises(FileNotFoundError, match="it was moved"):
+        loop.resume(folder, console, "000001")
+    assert checkpoint.names(folder) == ["000001", "000002"]
+    assert (folder / logs.FILE).read_text() == lines
+
+
+def test_decisions_are_counted_as_far_as_a_checkpoint_can() -> None:
+    state = trainer.start(CONFIG)._replace(decisions=np.asarray(2**31 - 2, np.int32))
+    trained = trainer.Trainer(CONFIG, state)
+    assert trained.update_step()["decisions"] == 2**31 - 1
+    assert trained.state.decisions.dtype == np.int32
 
 
 def test_runs_that_begin_in_one_second_have_folders_of_their_own(tmp_path: Path) -> None:

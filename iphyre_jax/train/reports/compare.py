@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from iphyre_jax.train.storage import logs, runs
 
 KINDS: Final = ("greedy", "sampled")
 LARGEST: Final = 1e9  # size of a score
+UPDATES: Final = re.compile("([0-9]{1,10}) of ")
 RATES_OF_PAPER: Final = "The paper's agents play at 10 fps, its humans (best of five attempts) and oracle at 60 fps."
 
 
@@ -37,6 +39,7 @@ class Evaluated:
     path: Path
     config: TrainConfig
     games: Mapping[str, Mapping[str, Any]]  # name -> what evaluation.json says of it
+    updates: int  # that its policy was trained for
 
     def scores(self, kind: str, split: str, value: str = "reward") -> list[float]:
         """A value of each game of a split, or of the forty for "all"; nothing if one of them was not played."""
@@ -55,13 +58,17 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset, action head, observation, the network unless it is an MLP, a prediction, and other scenes."""
-        config = self.config
+        """Agent, preset, action head, observation, the network unless it is an MLP, a prediction, and other scenes.
+
+        Of a policy from the middle of a run, the updates too.
+        """
+        config, updates = self.config, self.seeds[0].updates
         parts = [f"{config.paper_name} {config.preset}", config.head, config.observation]
         parts += [config.network] if config.network != "mlp" else []
         besides = [*(["varied"] if config.variations else []), *(["generated"] if config.scene_pool else [])]
         predicted = [f"prediction {Path(config.prediction).name}"] if config.prediction else []
-        return ", ".join([*parts, *predicted, *besides])
+        part = [f"{updates} of {config.updates} updates"] if updates != config.updates else []
+        return ", ".join([*parts, *predicted, *besides, *part])
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""
@@ -102,7 +109,11 @@ def read(path: Path) -> Evaluated:
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
     content = read_versioned(file, SCHEMA, READABLE)
-    return Evaluated(path, config, {game["game"]: game for game in _checked_games(content.get("games"), file)})
+    made = content.get("updates trained", f"{config.updates} of")  # older evaluations are of whole runs
+    if not isinstance(made, str) or not (found := UPDATES.match(made)):
+        raise ValueError(f"{file}: updates trained: expected N of {config.updates}, ..., got {show(made)}")
+    games = {game["game"]: game for game in _checked_games(content.get("games"), file)}
+    return Evaluated(path, config, games, int(found[1]))
 
 
 def _checked_games(games: object, file: Path) -> list[dict[str, Any]]:
@@ -125,17 +136,17 @@ def _checked_games(games: object, file: Path) -> list[dict[str, Any]]:
 
 
 def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
-    """One row for all runs whose settings differ only in the seed, in the order given.
+    """One row for all runs of as many updates whose settings differ only in the seed, in the order given.
 
     Raises:
         ValueError: one line; there are no runs, two have the same seed, or rates differ.
     """
     if not evaluated:
         raise ValueError("runs: expected at least one run folder")
-    groups: dict[TrainConfig, list[Evaluated]] = {}
+    groups: dict[tuple[TrainConfig, int], list[Evaluated]] = {}
     for run in evaluated:
-        groups.setdefault(dataclasses.replace(run.config, seed=0), []).append(run)
-    rates = sorted({config.fps for config in groups})
+        groups.setdefault((dataclasses.replace(run.config, seed=0), run.updates), []).append(run)
+    rates = sorted({run.config.fps for run in evaluated})
     if len(rates) > 1:
         raise ValueError(f"runs: expected one frame rate, got {', '.join(map(str, rates))}: rates never share a table")
     for members in groups.values():
@@ -200,7 +211,7 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
     """
     agents = rows([read(path) for path in paths])
     for kind in KINDS:
-        shown = Table(title=f"{kind.capitalize()} actions, {agents[0].config.fps} fps", box=box.SIMPLE, pad_edge=False)
+        shown = Table(title=f"{kind.capitalize()} actions, {_played(agents)}", box=box.SIMPLE, pad_edge=False)
         for title in HEADER:
             shown.add_column(title)
         for cells in table(agents, kind):
@@ -212,6 +223,12 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
         draw_curves(curves, agents)
     if bars is not None:
         draw_bars(bars, agents)
+
+
+def _played(agents: Sequence[Row]) -> str:
+    """How the runs of a table play: rate, reset and number type, of which rows may have several."""
+    resets, dtypes = ({str(getattr(row.config, name)) for row in agents} for name in ("resets", "dtype"))
+    return f"{agents[0].config.fps} fps, reset {' or '.join(sorted(resets))}, {' or '.join(sorted(dtypes))}"
 
 
 def _colour(k: int) -> tuple[float, float, float, float]:

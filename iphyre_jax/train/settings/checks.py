@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MAX_WIDTH, MAX_LAYERS = 4096, 16  # of a network
 MAX_COUNT: Final = 10**8  # of a learner's whole numbers
+MAX_STEPS: Final = 2**31 - 1  # of a schedule, which counts gradient steps in int32
 GROUP: Final = 32  # episodes of one scene in an update, which are compared with one another
 
 _MOST: Final[Mapping[str, int]] = MappingProxyType(
@@ -72,6 +73,9 @@ def check_start(config: TrainConfig) -> None:
     for entry in dataclasses.fields(learner):
         if (most := entry.metadata.get("most")) is not None:
             _require(learner, entry.name, getattr(learner, entry.name) <= most, f"at most {most}")
+    if isinstance(learner, PolicyGradient) and learner.anneal_lr:
+        most = MAX_STEPS // (getattr(learner, "epochs", 1) * learner.minibatches)
+        _require(config, "updates", config.updates <= most, f"at most {most}, for the schedule of the learning rate")
     if isinstance(learner, OffPolicy):
         kept = learner.capacity(config.decisions_per_update)
         _require(learner, "warmup", learner.warmup <= kept, f"at most {kept}, the transitions that are kept")

@@ -45,7 +45,8 @@ class TrainConfig:
     file when it starts, and the sum of its scene."""
 
     variations: int = 0
-    """Shifted, mirrored, stretched and jittered copies of each game to train on as well (in advance only)."""
+    """Shifted, mirrored, stretched and jittered copies of each game to train on as well (in advance only). A game
+    with fewer than 64 episodes of its own is played in half of the updates, a copy in the others."""
 
     added_blocks: int = 0
     """Add up to so many static blocks to the variations, at random places."""

@@ -47,8 +47,8 @@ MAX_MESSAGE: Final = 300  # characters of orbax's, which names files at length
 def save(run: Path, config: TrainConfig, state: RunState) -> Path:
     """Write a checkpoint of a run and remove all but the newest ones.
 
-    A process that is killed here leaves earlier checkpoints untouched, and at most a folder whose name begins with a
-    dot, which the next `save` removes.
+    A process that is killed here leaves earlier checkpoints untouched, and at most a folder named as
+    it with a dot in front, which the next `save` removes.
 
     Returns:
         Its folder.
@@ -64,7 +64,7 @@ def save(run: Path, config: TrainConfig, state: RunState) -> Path:
     arrays = named_arrays(_storable(state))
     try:
         folder.mkdir(exist_ok=True)
-        for left in folder.glob(".*"):
+        for left in folder.glob(".[0-9]*"):  # no other program's: a file manager leaves hidden files too
             shutil.rmtree(left)
         _require_room(folder, arrays)
         with _quiet(), ocp.StandardCheckpointer(async_options=FOLDERS_FIRST) as checkpointer:

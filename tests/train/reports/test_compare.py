@@ -21,7 +21,8 @@ def run(config: TrainConfig, seed: int, reward: float, games: tuple[str, ...] = 
     """A run with the same score at each game."""
     score = {"reward": reward, "success": 1.0}
     played = {name: {"greedy": score, "sampled": score} for name in games}
-    return compare.Evaluated(Path(f"seed-{seed}"), dataclasses.replace(config, seed=seed), played)
+    own = dataclasses.replace(config, seed=seed)
+    return compare.Evaluated(Path(f"seed-{seed}"), own, played, config.updates)
 
 
 def test_a_difference_is_paired_by_seed() -> None:
@@ -53,6 +54,15 @@ def test_rows_of_one_name_tell_how_they_differ() -> None:
     assert names[0] == f"PPO-I quick, {config.head}, official, resets {config.resets}, updates {config.updates}"
     assert names[1] == f"PPO-I quick, {config.head}, official, resets 1, updates 7"
     assert names[2] == compare.rows([run(other, 0, 1.0)])[0].name
+
+
+def test_a_policy_from_the_middle_of_a_run_has_a_row_of_its_own() -> None:
+    config = preset("ppo", "combined")
+    middle = dataclasses.replace(run(config, 1, -15.0), updates=3)
+    whole, part = compare.rows([run(config, 0, 900.0), middle, run(config, 2, 902.0)])
+    assert [seed.config.seed for seed in whole.seeds] == [0, 2]
+    assert part.name == f"{whole.name}, 3 of {config.updates} updates"
+    assert [cells[1] for cells in compare.table([whole, part], "greedy")[:2]] == ["2", "1"]
 
 
 def test_rates_never_share_a_table() -> None:

@@ -104,6 +104,10 @@ USELESS: dict[str, tuple[dict[str, Any], str]] = {
         {"scene_pool": "pool.npz", "episodes_per_scene": 64, "pool_share": 0.75},
         "episodes_per_scene: expected more, of which the games keep a group of 32 beside a pool_share of 0.75, got 64",
     ),
+    "a schedule that does not count so far": (
+        {"updates": 200_000_000, "learner": PPO(minibatches=4, epochs=4)},
+        "updates: expected at most 134217727, for the schedule of the learning rate, got 200000000",
+    ),
     "discount": ({"learner": PPO(gamma=5.0)}, "gamma: expected at most 1, got 5.0"),
     "lambda": ({"learner": PPO(gae_lambda=3.0)}, "gae_lambda: expected at most 1, got 3.0"),
     "share of a target": (DDPG_I | {"learner": DDPG(tau=2.0)}, "tau: expected at most 1, got 2.0"),

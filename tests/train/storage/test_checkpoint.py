@@ -49,6 +49,14 @@ def test_a_half_removed_checkpoint_is_no_obstacle(tmp_path: Path) -> None:
     assert not any((tmp_path / checkpoint.FOLDER).iterdir())
 
 
+def test_what_a_kill_left_is_removed_and_files_of_others_stay(tmp_path: Path) -> None:
+    saved(tmp_path, 1)
+    (tmp_path / checkpoint.FOLDER / ".DS_Store").touch()  # a file manager's
+    (tmp_path / checkpoint.FOLDER / ".000001").mkdir()
+    saved(tmp_path, 2)
+    assert {entry.name for entry in (tmp_path / checkpoint.FOLDER).iterdir()} == {".DS_Store", "000001", "000002"}
+
+
 def rewrite(path: Path, **changes: Any) -> None:
     """Change a manifest and make the sum fit, as whoever sends a hostile run folder would."""
     content = {**json.loads((path / manifest.MANIFEST).read_text()), **changes}

@@ -349,6 +349,22 @@ def test_an_evaluation_of_a_part_is_made_anew(
     assert compare.read(tmp_path / "published").games == compare.read(finished.folder).games
 
 
+def test_only_whole_runs_with_the_settings_of_the_row_ship(
+    finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(agents, "ALL_GAMES", GAMES)
+    monkeypatch.setattr(compare.Evaluated, "scores", lambda *_: [1.0])
+    arguments = agents.Arguments(root=tmp_path, weights=tmp_path / "weights", seeds=1)
+    folder = copy_of(finished, tmp_path / "tiny" / "seed-0")
+    agents.export_best(arguments, "tiny", replace(TINY, episodes_per_scene=TINY.episodes_per_scene * 2))
+    runs.write_evaluation(folder, TINY, evaluate(TINY, finished.state.learner, GAMES[:1]), TINY.updates)
+    agents.export_best(arguments, "tiny", TINY)
+    assert not (tmp_path / "weights").exists()
+    runs.write_evaluation(folder, TINY, evaluate(TINY, finished.state.learner, GAMES), TINY.updates)
+    agents.export_best(arguments, "tiny", TINY)
+    assert {file.name for file in (tmp_path / "weights").iterdir()} == {"tiny.npz", "tiny.json"}
+
+
 @pytest.mark.slow
 def test_command_line_trains_resumes_and_evaluates(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
