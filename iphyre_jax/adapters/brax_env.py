@@ -69,7 +69,9 @@ class BraxEnv(Env):
             ValueError: the action has another shape or is not numeric; one line.
         """
         given = self._actions.array(action)
-        own = jnp.argmax(given).astype(jnp.int32) if self._on_the_fly else ((given + 1) / 2).clip(0.0, 1.0)
+        # Of NaN argmax is the first one, which would remove a block; 0 removes nothing.
+        preferred = jnp.where(jnp.isnan(given).any(), 0, jnp.argmax(given)).astype(jnp.int32)
+        own = preferred if self._on_the_fly else ((given + 1) / 2).clip(0.0, 1.0)
         key = jax.random.key(0)  # without autoreset nothing is random
         out = self.env.step(key, state.pipeline_state, own, self.params)
         obs, after, reward, *official, info = out

@@ -73,7 +73,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         render_mode: str | None = None,
         **options: Any,  # noqa: ANN401
     ) -> None:
-        check_whole("num_envs", num_envs, 1, MAX_WORLDS)
+        num_envs = check_whole("num_envs", num_envs, 1, MAX_WORLDS)
         check_render_mode(render_mode)
         refuse_options(
             options, ("autoreset", "final_observation"), "; say autoreset_mode, one of gymnasium.vector.AutoresetMode"

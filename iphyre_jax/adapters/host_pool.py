@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any
 
@@ -79,7 +79,7 @@ class HostPool:
         self._counts = np.zeros(num_envs, np.uint32)  # decisions of each world, resets included
         self._waiting = np.zeros(num_envs, bool)  # worlds whose values the caller has
         self._state: EnvState | None = None  # of all worlds; only the thread below touches it after the first reset
-        self._playing: deque[Future[Values]] = deque()
+        self._playing: deque[tuple[npt.NDArray[Any] | None, Future[Values]]] = deque()  # worlds that were sent, or None
         self._thread = ThreadPoolExecutor(1, "iphyre_jax_pool")
         self._closed = False
 
@@ -104,12 +104,13 @@ class HostPool:
             ValueError: the pool is closed; one line.
         """
         self._check_open("async_reset")
-        while self._playing:
-            self._playing.popleft().result()
+        wait([future for _, future in self._playing])  # what failed there is of no interest now
+        self._playing.clear()
         self._waiting[:] = False
         begun = self._thread.submit(self._reset)
         for first in range(0, self.num_envs, self.batch_size):
-            self._playing.append(self._thread.submit(self._first_values, begun, slice(first, first + self.batch_size)))
+            rows = slice(first, first + self.batch_size)
+            self._playing.append((None, self._thread.submit(self._first_values, begun, rows)))
 
     def send(self, actions: Any, env_id: Any = None) -> None:  # noqa: ANN401 - whatever the user takes for them
         """Let worlds play one decision.
@@ -133,7 +134,7 @@ class HostPool:
             raise ValueError(f"env_id: expected worlds that recv has returned, but world {early} has no such values")
         checked = checked_action(self.action_space, actions, (self.batch_size,))
         self._waiting[worlds] = False
-        self._playing.append(self._thread.submit(self._step, worlds.astype(np.int32), checked))
+        self._playing.append((worlds, self._thread.submit(self._step, worlds.astype(np.int32), checked)))
 
     def recv(self) -> Values:
         """Wait for the batch that was sent first, and return its values.
@@ -143,11 +144,21 @@ class HostPool:
 
         Raises:
             ValueError: nothing was sent, or the pool is closed; one line.
+            Exception: whatever ended the play of the batch; its worlds are as they were and can be sent again. After
+                an interrupt `recv` can be called again.
         """
         self._check_open("recv")
         if not self._playing:
             raise ValueError("recv: expected a call of send, reset or async_reset before")
-        values = self._playing.popleft().result()
+        worlds, future = self._playing[0]
+        try:
+            values = future.result()
+        except Exception:
+            self._playing.popleft()
+            if worlds is not None:
+                self._waiting[worlds] = True
+            raise
+        self._playing.popleft()
         self._waiting[values[-1]["env_id"]] = True
         return values
 

@@ -19,7 +19,7 @@ from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
 from iphyre_jax.agents.language.settings import Caps, RunSettings, most_questions, parameters
 from iphyre_jax.cli.console import option, refuse_unread
-from iphyre_jax.cli.signals import resumable
+from iphyre_jax.cli.signals import resumable, until_signal
 from iphyre_jax.files import check_apart, replace_json, replace_text
 from iphyre_jax.locks import LOCK, lock_file, locked
 from iphyre_jax.provenance import provenance
@@ -103,7 +103,8 @@ def run(command: Ask, console: Console) -> int:
     settings = command.settings()
     answered = _live if command.replay is None else _replay
     try:
-        return resumable(partial(answered, command, settings, console), console, "answer")
+        work = partial(answered, command, settings, console)
+        return resumable(work, console, "answer") if command.replay is None else until_signal(work)
     except CallFailedError as error:
         say(console, f"{error}\nNothing was scored for this call; the same command goes on from here.")
         return FAILED
@@ -131,9 +132,10 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
         f"the run ends at {caps.questions} questions or {caps.tokens} tokens",
     )
     model = {"kind": endpoint.kind, "model": endpoint.model}
-    runs.check_folder(command.out, settings, model)
+    command.out.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         stack.enter_context(locked(command.out))
+        runs.check_folder(command.out, settings, model)
         file = command.record or command.out / TRANSCRIPT
         file.parent.mkdir(parents=True, exist_ok=True)
         stack.enter_context(lock_file(file.with_name(f".{file.name}{LOCK}"), f"{file}: expected a transcript"))

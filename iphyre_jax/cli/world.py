@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,7 @@ from rich.console import Console
 from iphyre_jax.attempts.planner import different_plans, preferred
 from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.console import option
-from iphyre_jax.cli.signals import resumable
+from iphyre_jax.cli.signals import resumable, until_signal
 from iphyre_jax.cli.viewer.render import Plan
 from iphyre_jax.files import check_apart, check_output, replace_text
 from iphyre_jax.models.storage import Comparison
@@ -116,7 +117,9 @@ def run(command: WorldCommand, console: Console) -> int:
     Raises:
         ValueError, OSError: one line.
     """
-    return resumable(lambda: _run(command.action, console), console)
+    work = partial(_run, command.action, console)
+    kept = isinstance(command.action, Train | Evaluate | Compare)
+    return resumable(work, console) if kept else until_signal(work)
 
 
 def _run(action: Train | Evaluate | Compare | PlanInModel | Film, console: Console) -> None:

@@ -28,6 +28,13 @@ PARAS: Final = {game: _parameters(game) for games in SPLITS.values() for game in
 _SHIPPED: Final = deepcopy(PARAS)
 
 
+def _plain(value: object) -> object:
+    """Return arrays as lists, in lists too."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(part) for part in value] if isinstance(value, list) else value
+
+
 def scene_of(game: str | os.PathLike[str] | Scene) -> Scene:
     """Return the scene of a game: what `PARAS` says, which users may add to or change, else as `load_scene` does.
 
@@ -35,7 +42,9 @@ def scene_of(game: str | os.PathLike[str] | Scene) -> Scene:
         ValueError: no such game, or its parameters are wrong; one line for each.
         OSError: a scene file cannot be read.
     """
-    if not isinstance(game, str) or game not in PARAS or PARAS[game] == _SHIPPED.get(game):
+    if not isinstance(game, str) or game not in PARAS:
         return load_scene(game)
-    fields = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in PARAS[game].items()}
+    fields = {key: _plain(value) for key, value in PARAS[game].items()}
+    if fields == _SHIPPED.get(game):
+        return load_scene(game)
     return scene_from_fields({"name": game, **fields}, f"PARAS[{game!r}]")

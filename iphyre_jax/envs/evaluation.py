@@ -18,6 +18,7 @@ from iphyre_jax.envs.arguments import check_batch, check_key, check_policy
 from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.registry import environment_of
+from iphyre_jax.envs.spaces import Discrete
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
@@ -95,7 +96,8 @@ def evaluate(
 
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
-            ignores its key. It must have a hash. An action of NaN is an error.
+            ignores its key. It must have a hash. An action outside the action space, such as NaN, is
+            an error.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
@@ -107,8 +109,8 @@ def evaluate(
         limits: of the scenes, see `make`.
 
     Raises:
-        ValueError: one line naming the argument and what was expected; also if the policy gives an action that is not
-            finite.
+        ValueError: one line naming the argument and what was expected; also if the policy gives an action that the
+            action space does not have.
     """
     check_fork()
     check_whole("episodes", episodes, 1, _MOST_EPISODES)
@@ -139,19 +141,20 @@ def evaluate(
 
 
 def _check_actions(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> None:
-    """Refuse actions that are not finite: in an environment they do nothing, and a score would hide them.
+    """Refuse actions outside the action space: in an environment they do nothing, and a score would hide them.
 
     Raises:
         ValueError: one line that names the decision and the game.
     """
-    action = np.asarray(steps.action)
-    if action.dtype.kind == "f":
-        wrong = ~np.isfinite(action).all(axis=tuple(range(2, action.ndim))) & np.asarray(steps.played)
-        if wrong.any():
-            decision, world = np.argwhere(wrong)[0].tolist()
-            got = action[decision, world]
-            where = f"in decision {decision + 1} of {environment.games[int(game[world])]}"
-            raise ValueError(f"policy: expected finite actions, got {got[~np.isfinite(got)].flat[0]} {where}")
+    action, space = np.asarray(steps.action), environment.action_space()
+    low, high = (0, space.n - 1) if isinstance(space, Discrete) else (space.low, space.high)
+    within = (action >= low) & (action <= high)  # NaN is not
+    wrong = ~within.all(axis=tuple(range(2, action.ndim))) & np.asarray(steps.played)
+    if wrong.any():
+        decision, world = np.argwhere(wrong)[0].tolist()
+        got = action[decision, world][~within[decision, world]].flat[0]
+        where = f"in decision {decision + 1} of {environment.games[int(game[world])]}"
+        raise ValueError(f"policy: expected actions from {low:g} to {high:g}, got {got} {where}")
 
 
 def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps: Steps) -> Scores:

@@ -202,15 +202,15 @@ def frames(
         every: physics steps between two frames.
         hold: s, how long the last frame is shown.
 
-    Yields:
-        (H, W, 3) uint8, the same size for all.
+    Returns:
+        An iterator of (H, W, 3) uint8, the same size for all; each is drawn when it is asked for.
 
     Raises:
         ValueError: one line that names the argument and what was expected.
     """
     numbers, cameras = frame_numbers(plays, every=every, hold=hold), _cameras(plays, look, titles)
-    for k in numbers:
-        yield np.asarray(side_by_side([camera.image(k) for camera in cameras], cameras[0].colours))
+    # Not a generator itself, which would check its arguments at the first frame.
+    return (np.asarray(side_by_side([camera.image(k) for camera in cameras], cameras[0].colours)) for k in numbers)
 
 
 def frame_numbers(plays: Recordings, *, every: int = 1, hold: float = 1.0) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 import jax
 import numpy as np
@@ -63,6 +64,43 @@ def test_batches_of_half_the_worlds_play_what_one_batch_plays(pool: HostPool) ->
     np.testing.assert_array_equal(seen, DECISIONS + 1)
     with pytest.raises(ValueError, match=r"^recv: expected a call of send, reset or async_reset before$"):
         pool.recv()
+
+
+def test_a_play_that_fails_loses_its_batch_alone(pool: HostPool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError("no room")
+
+    pool.async_reset()
+    batches = [pool.recv()[-1]["env_id"] for _ in range(2)]
+    with monkeypatch.context() as failing:
+        failing.setattr(pool, "_step", fail)
+        pool.send(_actions(batches[0], 0), batches[0])
+        with pytest.raises(MemoryError, match="no room"):
+            pool.recv()
+    pool.send(_actions(batches[0], 0), batches[0])  # the worlds are as they were
+    np.testing.assert_array_equal(pool.recv()[-1]["env_id"], batches[0])
+    with monkeypatch.context() as failing:
+        failing.setattr(pool, "_reset", fail)
+        pool.async_reset()
+        with pytest.raises(MemoryError):
+            pool.recv()
+    pool.async_reset()  # what failed before is forgotten
+    assert [len(pool.recv()[1]) for _ in range(2)] == [2, 2]
+
+
+def test_an_interrupt_while_a_batch_plays_does_not_lose_it(pool: HostPool, monkeypatch: pytest.MonkeyPatch) -> None:
+    pool.async_reset()
+    batches = [pool.recv()[-1]["env_id"] for _ in range(2)]
+    pool.send(_actions(batches[1], 0), batches[1])
+    with monkeypatch.context() as interrupted:
+        interrupted.setattr(Future, "result", _interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            pool.recv()
+    np.testing.assert_array_equal(pool.recv()[-1]["env_id"], batches[1])
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(

@@ -86,8 +86,21 @@ def test_actions_that_are_no_numbers_are_not_scored(strategy: str) -> None:
     def broken(key: jax.Array, obs: jax.Array) -> jax.Array:
         return nothing(key, obs).at[3].set(jnp.nan)
 
-    with pytest.raises(ValueError, match=r"^policy: expected finite actions, got nan in decision 1 of support$"):
+    with pytest.raises(ValueError, match=r"^policy: expected actions from 0 to 1, got nan in decision 1 of support$"):
         evaluate(broken, "support", strategy=strategy)
+
+
+def test_actions_outside_their_space_are_not_scored() -> None:
+    def seconds(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return nothing(key, obs) + 2.0  # and not shares of 15 s
+
+    def unknown(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return jnp.int32(99)
+
+    with pytest.raises(ValueError, match=r"^policy: expected actions from 0 to 1, got 2.0 in decision 1 of support$"):
+        evaluate(seconds, "support", strategy="in-advance")
+    with pytest.raises(ValueError, match=r"^policy: expected actions from 0 to 6, got 99 in decision 1 of support$"):
+        evaluate(unknown, "support", strategy="on-the-fly")
 
 
 def test_five_values_under_scan() -> None:
