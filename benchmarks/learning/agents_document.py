@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks import plots
 from benchmarks.learning.rows import PREDICTIONS, controllers, without_sums
+from iphyre_jax.analyses import oracle
 from iphyre_jax.files import read_json_object
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import provenance
@@ -31,12 +32,12 @@ OFFICIAL: Final = (
 TITLES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "results-controllers": "# Agents that see predictions\n\nTo the official observation comes the table 0.1 s "
-        "later if nothing is removed now: by a world model (seed 0 of an earlier training of its row), by the "
+        "later if nothing is removed now: by a world model (seed 0 of its row in `world.md`), by the "
         "simulator (perfect), or zeros in its place. `objects` learned from basic games and variations of them, "
         "`mdrnn` from basic games. `objects` is given the true velocities, which the agent is not; `mdrnn` sees "
         "places alone, remembers on the fly, and begins anew at each decision of a combined agent. Perfect, and "
         "motion (the true velocities), show what this learner makes of knowing more; they are no bounds, for other "
-        "columns exceed them. SAC has fewer gradient steps and shorter returns than its present preset.",
+        "columns exceed them.",
         "results-paper": "# Results by the paper's settings\n\nSettings of the paper and of its code, with RLlib's "
         "defaults where that code sets nothing, in our trainer; below them the paper's own numbers. The docstring of "
         "`iphyre_jax/train/settings/presets.py` names what RLlib does otherwise. Above all it maps the times of DDPG "
@@ -55,9 +56,9 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         TITLES.get(stem, "# Results"),
         f"Written by `make {stem}`. Trained on the basic split only, or, where the row says so, on its variations and "
         "on generated scenes that are near no test game; everything else is zero shot. Greedy: one episode a game; "
-        "sampled: 20, as the agent plays to learn. The paper samples too, and shows the best of five. Cells: mean "
-        "over seeds, share solved, [95 % t interval over seeds], interquartile mean over games and seeds. People "
-        "and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of each run.",
+        "sampled: 20, as the agent plays to learn. The paper samples too, and shows the best of five evaluations. "
+        "Cells: mean over seeds, share solved, [95 % t interval over seeds], interquartile mean over games and seeds. "
+        "People and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of each run.",
         f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
     ]
     for fps in (10, 60):
@@ -66,7 +67,7 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
             continue
         table = compare.rows(of_rate)
         predicting = with_predictions(table)
-        parts.append(f"## {fps} fps")
+        parts += [f"## {fps} fps", _best_known(fps)]
         if predicting:  # too many rows for the other pictures
             picture = out / f"{stem}-{fps}fps.png"
             plots.predictions(predicting, picture)
@@ -116,6 +117,13 @@ def _signed(value: Summary | None) -> str:
     if value is None:
         return "-"
     return f"{value.mean:+.1f}" + ("" if np.isnan(value.low) else f" [{value.low:+.0f}, {value.high:+.0f}]")
+
+
+def _best_known(fps: int) -> str:
+    """What the best plans known reach at a rate, beside the paper's oracle, which plays at 60 fps."""
+    found = oracle.best_known(fps)
+    each = ", ".join(f"{SPLIT_TITLES[split]} {reward:.1f}" for split, (reward, _) in found.items())
+    return f"Best known plans at {fps} fps ([Oracle](oracle.md)): {each}."
 
 
 def _unseen(rows: Sequence[compare.Row]) -> str:

@@ -101,6 +101,17 @@ def shipped(fps: int) -> Mapping[str, Row]:
     return {row["game"]: row for row in read_versioned(file, SCHEMA, (VERSION,))["games"]}
 
 
+def best_known(fps: int) -> dict[str, tuple[float, float]]:
+    """Return mean reward and share solved of the best plans known at a rate, by split; "all" for the forty.
+
+    Raises:
+        ValueError, OSError: as `shipped`.
+    """
+    rows = shipped(fps)
+    reward, solved = (by_split({game: float(rows[game][key]) for game in GAMES}) for key in ("reward", "solved"))
+    return {split: (reward[split], solved[split]) for split in COLUMNS}
+
+
 def orders_of(row: Row) -> set[BlockOrder]:
     """Return the feasible orders of a row."""
     return {tuple(found["order"]) for found in row["orders"]}

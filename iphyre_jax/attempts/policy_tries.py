@@ -25,7 +25,7 @@ from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.observations import slot_mask, start_observations
 from iphyre_jax.train.settings.run import TrainConfig
 
-TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, on no game of the benchmark
+TEMPERATURE: Final = 3.0  # chosen by trials on generated scenes, see docs/results/carry-over.md
 SAMPLES: Final = 64  # drawn for each try; the first that differs is tried
 JUDGED: Final = 256  # drawn for all tries that are asked for at once, if they are judged
 POLICY_WEIGHT: Final = 0.005  # chosen on generated scenes and variations of basic games

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 from rich.console import Console
 
@@ -18,7 +17,6 @@ from iphyre_jax.files import check_output
 from iphyre_jax.models.sequence import compare, report, storage
 from iphyre_jax.models.settings import row_of
 from iphyre_jax.models.storage import Comparison
-from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.reports.printing import say
 
 ROOT = Path("build/sequence")
@@ -78,7 +76,7 @@ def run(command: SequenceCommand, console: Console) -> int:
 def _run(action: Train | Evaluate | Compare, console: Console) -> None:
     """Run one of the three."""
     if isinstance(action, Compare):
-        best = {fps: best_known(fps) for fps in oracle.RATES}
+        best = {fps: oracle.best_known(fps) for fps in oracle.RATES}
         check_output("out", action.out, ())
         compare.compare(Comparison(action.root, action.out, action.weights), best, console, action.only)
         return
@@ -87,18 +85,6 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         _print(compare.make_row(action.root, config, console), console)
     else:
         _print(storage.RUNS.read_evaluation(action.run, row=str, settings=dict, modes=dict), console)
-
-
-def best_known(fps: int) -> dict[str, tuple[float, float]]:
-    """Mean reward and share solved of the best known plans, by split, at a rate."""
-    rows = oracle.shipped(fps)
-    splits = {**{name: SPLITS[name] for name in report.SPLITS_SHOWN if name in SPLITS}, "all": GAMES}
-    found = {}
-    for split, games in splits.items():
-        if set(games) <= set(rows):
-            reward, solved = (float(np.mean([rows[game][key] for game in games])) for key in ("reward", "solved"))
-            found[split] = reward, solved
-    return found
 
 
 def _print(evaluation: Mapping[str, Any], console: Console) -> None:

@@ -1,8 +1,8 @@
 """What the trainer knows of each agent before it runs: its settings class, heads, and presets by strategy.
 
-"default" is ours, chosen on the basic split, on jittered copies of it, on the unseen basic layouts and on generated
-scenes only. PPO in advance is made for unseen scenes: what an object is counts, not its row, and every update has other
-scenes, half of them basic games and variations of them, half generated ones.
+"default" is ours; docs/guide/training.md says on what it was chosen. PPO in advance is made for unseen scenes: what an
+object is counts, not its row, and every update has other scenes, half of them basic games and variations of them, half
+generated ones.
 
 "quick" is the same, but PPO in advance is a perceptron that learns the ten games alone, in seconds.
 

@@ -21,7 +21,7 @@ STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O"
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """The settings of a training run. In Python, fields that are left out are those of `--preset quick`."""
+    """The settings of a training run; the defaults are those of `preset("ppo", "in-advance", "quick")`."""
 
     agent: AgentName = "ppo"
     """Algorithm; "random" learns nothing and serves for comparison."""
