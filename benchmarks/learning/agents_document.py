@@ -58,7 +58,8 @@ def document(all_runs: Sequence[compare.Evaluated], missing: Sequence[str], out:
         "on generated scenes that are near no test game; everything else is zero shot. Greedy: one episode a game; "
         "sampled: 20, as the agent plays to learn. The paper samples too, and shows the best of five evaluations. "
         "Cells: mean over seeds, share solved, [95 % t interval over seeds], interquartile mean over games and seeds. "
-        "People and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of each run.",
+        "People and oracle of the paper played at 60 fps, its agents at 10. `runs/` has settings, log and scores of "
+        "each run.",
         f"Still missing: {', '.join(missing)}." if missing else "Nothing is missing.",
     ]
     for fps in (10, 60):

@@ -106,9 +106,8 @@ def _intro(policy: Pretrained) -> str:
         f"median on basic and unseen basic games. {config.fps} fps, reset {config.resets}, {config.dtype}. Mode: the "
         "most likely action at each decision. Median: the next block goes when half of the policy's chance of acting "
         "has passed; a block that has gone is not chosen again. Both play one episode a scene, sampled actions "
-        f"{SAMPLES}, drawn anew, so that means differ a little from those that ship. The median was chosen on basic and "
-        "unseen basic games; variations are of the basic games, and "
-        "none was trained on."
+        f"{SAMPLES}, drawn anew, so that means differ a little from those that ship. The median was chosen on basic "
+        "and unseen basic games; variations are of the basic games, and none was trained on."
     )
 
 
