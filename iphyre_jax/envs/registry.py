@@ -91,7 +91,7 @@ def make(
         official_bugs: whether to reproduce bugs of the official code: the 151st frame of the combined strategy.
         limits: of all its scenes: rows of an observation and slots of an action; by default the smallest that hold the
             scenes' own limits.
-        backend: "host", "xla", see `Environment`; by default "host" if JAX's default device is a CPU, else "xla".
+        backend: "host", "xla", see `Environment`; by default "host" if JAX's default backend is a CPU, else "xla".
 
     Raises:
         ValueError: one line naming the argument and what was expected.

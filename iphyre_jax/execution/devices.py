@@ -57,7 +57,7 @@ class Partition:
 
 
 def on_cpu() -> bool:
-    """Return whether JAX's default device is a CPU."""
+    """Return whether JAX's default backend is a CPU; `jax.default_device` does not count."""
     return jax.default_backend() == "cpu"
 
 

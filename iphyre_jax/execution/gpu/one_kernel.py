@@ -92,7 +92,7 @@ def blocks_in_one_kernel(
 
 
 def kernels_run() -> bool:
-    """Return whether JAX's default device is a GPU for which XLA has Triton."""
+    """Return whether JAX's default backend is a GPU for which XLA has Triton."""
     if jax.default_backend() != "gpu":
         return False
     device = jax.devices()[0]
