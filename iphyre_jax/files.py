@@ -196,7 +196,8 @@ def check_apart(name: str, path: Path | None, other: str, file: Path | None) -> 
 def replacing(target: Path) -> Iterator[Path]:
     """Give a name beside `target` to write to; what stands there at the end takes the target's place in one move.
 
-    The name ends as the target's does, in lower case. After an error the target is as it was, and no draft stays.
+    The name ends as the target's does, in lower case. After an error the target is as it was, and no draft stays. A
+    link is replaced, not followed: a folder from outside may hold links to anywhere.
     """
     # Drawn: threads, and processes of equal numbers on other machines, may write the same file.
     draft = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix.lower()}")

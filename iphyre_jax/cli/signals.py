@@ -11,6 +11,7 @@ from types import FrameType
 from rich.console import Console
 
 from iphyre_jax.cli.main import INTERRUPTED
+from iphyre_jax.execution import interrupts
 from iphyre_jax.train.reports.printing import say
 
 
@@ -35,7 +36,8 @@ def interrupting() -> Iterator[list[int]]:
     for number in default:
         signal.signal(number, interrupt)
     try:
-        yield came
+        with interrupts.also(default):
+            yield came
     finally:
         for number in default:
             signal.signal(number, signal.SIG_DFL)

@@ -22,8 +22,8 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from typing import Final
 
 import jax
@@ -42,6 +42,7 @@ class _State:
     sender: socket.socket | None = None
     reader: threading.Thread | None = None
     calls: int = 0  # that the main thread has made for `_stays`
+    others: set[int] = field(default_factory=set)  # signals that count as interrupts besides Ctrl-C
     place: _Place | None = None  # where the main thread stands, with an interrupt that it cannot handle
 
 
@@ -82,11 +83,22 @@ def as_interrupts() -> Iterator[None]:
         raise
 
 
+@contextlib.contextmanager
+def also(numbers: Collection[int]) -> Iterator[None]:
+    """Let other signals, whose handlers raise KeyboardInterrupt, end a program that calls the host as Ctrl-C does."""
+    _state.others.update(numbers)
+    try:
+        yield
+    finally:
+        _state.others.difference_update(numbers)
+
+
 def _read(receiver: socket.socket) -> None:
     """Look after each interrupt whether the main thread handles it; ends when the sender is closed."""
     with receiver:
         while numbers := receiver.recv(64):
-            if signal.SIGINT not in numbers or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+            own = signal.SIGINT in numbers and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+            if not own and _state.others.isdisjoint(numbers):
                 continue
             place = _main_place()
             if place is not None and _stays(place):

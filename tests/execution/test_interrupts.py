@@ -13,11 +13,12 @@ from collections.abc import Callable
 import jax
 import pytest
 
+from iphyre_jax.cli.signals import interrupting
 from iphyre_jax.execution import interrupts
 
 
-def signalled(meanwhile: Callable[[], object]) -> bool:
-    """Whether a callback in another thread is interrupted, if the file of signals gets a SIGINT `meanwhile`."""
+def signalled(meanwhile: Callable[[], object], number: int = signal.SIGINT) -> bool:
+    """Whether a callback in another thread is interrupted, if the file of signals gets a signal `meanwhile`."""
     receiver, sender = socket.socketpair()
     ended, raised = threading.Event(), threading.Event()
 
@@ -31,7 +32,7 @@ def signalled(meanwhile: Callable[[], object]) -> bool:
 
     def interrupt() -> None:
         time.sleep(0.1)
-        sender.send(bytes([signal.SIGINT]))
+        sender.send(bytes([number]))
 
     threads = [threading.Thread(target=work) for work in (callbacks, interrupt)]
     threads.append(threading.Thread(target=interrupts._read, args=(receiver,)))
@@ -51,6 +52,13 @@ def signalled(meanwhile: Callable[[], object]) -> bool:
 @pytest.mark.slow
 def test_a_main_thread_that_waits_interrupts_the_callbacks() -> None:
     assert signalled(lambda: time.sleep(1.0))
+
+
+@pytest.mark.slow
+def test_signals_that_end_a_command_are_interrupts_while_it_runs() -> None:
+    with interrupting():
+        assert signalled(lambda: time.sleep(1.0), signal.SIGTERM)
+    assert not signalled(lambda: time.sleep(0.6), signal.SIGTERM)
 
 
 @pytest.mark.slow
