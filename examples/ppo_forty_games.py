@@ -59,7 +59,7 @@ def make_train(
 ) -> Callable[[jax.Array], tuple[Any, jax.Array]]:
     """Return `train(key)`: the policy's weights, and the rewards, (updates, games, episodes)."""
     env, params = iphyre_jax.make(f"in-advance/{games}-v1", autoreset=False)
-    count = params.games
+    count = params.n_games
     first_obs, _ = jax.vmap(env.reset_to, in_axes=(0, None))(jnp.arange(count), params)
     policy = Policy(first_obs.mean(0))
     used = first_obs[:, -2 * SLOTS :].reshape(count, SLOTS, 2).any(-1)  # slots that stand for a block

@@ -35,3 +35,9 @@ def test_environment_alone_warns() -> None:
     env, params = iphyre_jax.make("in-advance/support-v1")
     with pytest.warns(DeprecationWarning, match=r"^Environment\.alone: use Environment\.single_game$"):
         assert env.alone(params, 0)[0] == env
+
+
+def test_the_number_of_games_has_a_name_of_its_own() -> None:
+    env, params = iphyre_jax.make("in-advance/support-v1")
+    with pytest.warns(DeprecationWarning, match=r"^EnvParams\.games: use EnvParams\.n_games$"):
+        assert params.games == params.n_games == len(env.games) == 1

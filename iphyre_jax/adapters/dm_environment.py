@@ -43,7 +43,7 @@ class DmEnv(dm_env.Environment):
     def reset(self) -> dm_env.TimeStep:
         """Begin an episode."""
         check_fork()
-        self._game = int(self._random.integers(SEEDS)) % self.params.games
+        self._game = int(self._random.integers(SEEDS)) % self.params.n_games
         if self._game not in self._single:
             self._single[self._game] = self.env.single_game(self.params, self._game)
         env, params = self._single[self._game]

@@ -87,7 +87,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         key = jax.random.key(int(self.np_random.integers(SEEDS)))
         game = (options or {}).get("game")
         with jax.enable_x64(self._x64):
-            drawn = jax.random.randint(key, (), 0, self.params.games, np.int32)  # like the environment
+            drawn = jax.random.randint(key, (), 0, self.params.n_games, np.int32)  # like the environment
             self._game = int(drawn) if game is None else game_row(self.env, game)
             env, params = self._single_game(self._game)
             obs, self._state = env.reset_to(np.int32(0), params)

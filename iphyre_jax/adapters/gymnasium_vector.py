@@ -254,7 +254,7 @@ def _keys(seeds: jax.Array) -> jax.Array:
 
 @partial(jax.jit, static_argnums=0)
 def _reset(env: Environment, seeds: jax.Array, games: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-    drawn = jax.vmap(lambda key: jax.random.randint(key, (), 0, params.games, np.int32))(_keys(seeds))
+    drawn = jax.vmap(lambda key: jax.random.randint(key, (), 0, params.n_games, np.int32))(_keys(seeds))
     return jax.vmap(env.reset_to, in_axes=(0, None))(jnp.where(games == _ANY_GAME, drawn, games), params)
 
 

@@ -70,7 +70,7 @@ def check_state(state: object, params: EnvParams, worlds: Worlds) -> None:
     _check_width("state", state, worlds)
     check_params(params, worlds)
     if isinstance(words, jax.Array | np.ndarray) and not isinstance(words, jax.core.Tracer):
-        check_row(int(jax.device_get(words)[GAME]), params.games)
+        check_row(int(jax.device_get(words)[GAME]), params.n_games)
 
 
 def check_row(row: int, games: int) -> None:
@@ -99,7 +99,7 @@ def check_game(name: str, game: object, params: EnvParams, least: int = 0) -> No
         if isinstance(game, jax.core.Tracer):
             return
         game = int(game)
-    check_whole(name, game, least, params.games - 1)
+    check_whole(name, game, least, params.n_games - 1)
 
 
 def check_policy(policy: object, takes: tuple[str, ...]) -> None:

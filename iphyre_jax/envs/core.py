@@ -140,7 +140,7 @@ class Environment:
         """
         check_fork()
         check_params(params, self.worlds)
-        game = check_whole("game", game, 0, params.games - 1)
+        game = check_whole("game", game, 0, params.n_games - 1)
         topology, own = self.worlds.single_game(params, game)
         return replace(self, games=self.games[game : game + 1], topologies=(topology,)), own
 
@@ -362,12 +362,12 @@ class Environment:
 
 def _nearest_row(game: ArrayLike, params: EnvParams, least: int = 0) -> jax.Array:
     """Return the row of the parameters (or `least`) nearest to a number, () int32; it is cut before it is narrowed."""
-    row: jax.Array = cut(jnp.asarray(game), least, params.games - 1)
+    row: jax.Array = cut(jnp.asarray(game), least, params.n_games - 1)
     return row
 
 
 def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:
     """Return a random game, () int32."""
-    if params.games == 1:
+    if params.n_games == 1:
         return jnp.zeros((), jnp.int32)
-    return jax.random.randint(key, (), 0, params.games, jnp.int32)
+    return jax.random.randint(key, (), 0, params.n_games, jnp.int32)

@@ -132,8 +132,8 @@ def evaluate(
         autoreset=False,
     )
     decisions = environment.strategy.decisions
-    check_batch("episodes", environment, params.games * episodes, decisions)
-    batch = Batch.of(environment, params, np.repeat(np.arange(params.games), episodes))
+    check_batch("episodes", environment, params.n_games * episodes, decisions)
+    batch = Batch.of(environment, params, np.repeat(np.arange(params.n_games), episodes))
     with jax.enable_x64(dtype == "float64" or jax.dtypes.canonicalize_dtype("float64") == "float64"):
         _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
     _check_actions(environment, np.asarray(batch.game), steps)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,9 +33,15 @@ class EnvParams(ABC):
     """See `Worlds.made_for`; no array, but a part of the tree's structure."""
 
     @property
-    def games(self) -> int:
-        """The number of games."""
+    def n_games(self) -> int:
+        """The number of games; their names are `Environment.games`."""
         return self.topology_id.shape[-1]
+
+    @property
+    def games(self) -> int:
+        """The old name of `n_games`."""
+        warnings.warn("EnvParams.games: use EnvParams.n_games", DeprecationWarning, stacklevel=2)
+        return self.n_games
 
     @property
     @abstractmethod

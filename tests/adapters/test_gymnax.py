@@ -90,7 +90,7 @@ def test_parameters_tell_the_length_of_an_episode(strategy: str, decisions: int)
     own, params = make(f"{strategy}/support-v1")
     env = FiveValues(own, params)
     assert env.default_params.max_steps_in_episode == decisions
-    assert env.default_params.games == params.games == 1
+    assert env.default_params.n_games == params.n_games == 1
     assert FiveValues(own, env.default_params).default_params.max_steps_in_episode == decisions
     traced = jax.jit(lambda given: given.max_steps_in_episode)(env.default_params)  # trainers pass them into programs
     assert int(traced) == decisions

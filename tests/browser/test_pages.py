@@ -344,7 +344,7 @@ def test_a_scene_is_drawn_saved_loaded_and_run(page: Page, tmp_path: Path) -> No
     # What is saved trains: it makes an environment, and agents are evaluated on it.
     register("drawn-v1", [read_scene(file)])
     env, params = make("in-advance/drawn-v1")
-    assert params.games == 1
+    assert params.n_games == 1
     scores = evaluate(lambda key, _: env.action_space().sample(key), [scene], strategy="in-advance", episodes=4)
     assert np.isfinite(scores.mean_reward)
 

@@ -51,7 +51,7 @@ def actions_of(env: Environment, batch: tuple[int, ...], seed: int = 0) -> Any:
 def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
     """Play actions (T, B, ...) in a scan; all that is ever told."""
     keys = jax.random.split(jax.random.key(0), actions.shape[:2])
-    games = jnp.arange(actions.shape[1], dtype=jnp.int32) % params.games
+    games = jnp.arange(actions.shape[1], dtype=jnp.int32) % params.n_games
     obs, state = jax.vmap(env.reset_to, in_axes=(0, None))(games, params)
 
     def turn(state: Any, given: Any) -> Any:
@@ -194,7 +194,7 @@ def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> Non
         own = jax.tree.map(lambda leaf: jnp.repeat(leaf[None], 6, axis=0), params)
         assert_same(jax.jit(jax.vmap(play))(games, actions, own))
         one_game = [env.single_game(params, int(game))[1] for game in games[:2]]
-        assert one_game[0].games == 1
+        assert one_game[0].n_games == 1
         with jax.disable_jit(backend == "host"):
             assert_same(jax.vmap(play, in_axes=(0, 0, None))(games, actions, params))
         none = jax.vmap(play, in_axes=(0, 0, None))(games[:0], actions[:0], params)

@@ -371,7 +371,7 @@ def test_bad_scenes_are_refused() -> None:
 def test_ids_cover_the_games_and_splits() -> None:
     ids = set(iphyre_jax.environment_ids())
     assert {f"{s}/{g}-v1" for s in ("in-advance", "on-the-fly", "combined") for g in ("basic", "all", "hole")} <= ids
-    assert environment()[0].params_of([load_scene("hole")]).games == 1
+    assert environment()[0].params_of([load_scene("hole")]).n_games == 1
 
 
 def test_a_name_may_be_registered_again() -> None:

@@ -91,7 +91,7 @@ def test_an_environment_tells_the_same(games: list[str]) -> None:
     actions *= np.random.default_rng(1).random(actions.shape) < 0.05
 
     def loop(actions: jax.Array) -> Any:
-        first, state = jax.vmap(env.reset_to, in_axes=(0, None))(jnp.arange(WORLDS) % params.games, params)
+        first, state = jax.vmap(env.reset_to, in_axes=(0, None))(jnp.arange(WORLDS) % params.n_games, params)
 
         def turn(state: Any, given: Any) -> Any:
             obs, state, *told = jax.vmap(env.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)

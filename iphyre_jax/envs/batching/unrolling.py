@@ -1,7 +1,7 @@
 """`unroll`: many decisions of many worlds, with the policy inside the program.
 
     env, params = iphyre_jax.make("on-the-fly/basic-v1")
-    batch = Batch.of(env, params, np.repeat(np.arange(params.games), 128))
+    batch = Batch.of(env, params, np.repeat(np.arange(params.n_games), 128))
 
     def policy(weights, key, obs):  # of one world
         logits = network(weights, obs)
@@ -63,8 +63,8 @@ class Batch:
         rows = check_integers("games", games, "integers, one for each world", 1)
         if not rows.size:
             raise ValueError("games: expected integers, one for each world, got none")
-        if rows.min() < 0 or rows.max() >= params.games:
-            raise ValueError(f"games: expected rows of {params.games} games, got {rows.min()} to {rows.max()}")
+        if rows.min() < 0 or rows.max() >= params.n_games:
+            raise ValueError(f"games: expected rows of {params.n_games} games, got {rows.min()} to {rows.max()}")
         check_batch("games", environment, len(rows))
         with jax.enable_x64(environment.dtype == "float64"):
             obs, state = _reset(environment, jnp.asarray(rows, jnp.int32), params)
