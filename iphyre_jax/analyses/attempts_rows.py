@@ -42,6 +42,7 @@ PEOPLE: Final = 5  # attempts that people had
 DTYPE: Final = "float64"
 SEQUENCED: Final = 60  # steps a second of the plays that the shipped sequence model learned
 LEARNING: Final = "ppo-i-objects"  # that learns on the game that it tries
+SCRATCH: Final = "from scratch"  # if it knows nothing before
 
 Compute = Callable[[], Attempts]
 Specification = tuple[dict[str, Any], Compute]  # settings of a row, and how it is computed
@@ -80,7 +81,7 @@ def specifications(fps: int) -> dict[str, Specification]:
         tried = {**plain, **shipped_model("sequence model", name, sequence_models.WEIGHTS), "k": 10, "runs": 5}
         found[f"{name}, greedy first"] = tried, partial(_sequence_model, name, 10, 5, plain)
     learning = {**common, **shipped_model("policy", LEARNING), "k": MOST, "runs": 5, "batch": BATCH}
-    for name, pretrained in (("fine-tuned", True), ("from scratch", False)):
+    for name, pretrained in (("fine-tuned", True), (SCRATCH, False)):
         tried = {**learning, "learning_rate": LEARNING_RATE, "pretrained": pretrained}
         found[f"{LEARNING}, {name}"] = tried, partial(_learning, LEARNING, pretrained, MOST, 5, common)
     for name in names():
@@ -180,7 +181,8 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
 
 def _title(name: str, fps: int, rates: Mapping[str, int]) -> str:
     """The name of a row, with the rate of training, one of `rates`, of a policy that was trained at another one."""
-    trained_at = rates.get(name.split(", ")[0], fps)
+    agent, *how = name.split(", ")
+    trained_at = fps if SCRATCH in how else rates.get(agent, fps)  # from scratch it learns at this rate alone
     return name if trained_at == fps else f"{name} (trained at {trained_at} fps)"
 
 

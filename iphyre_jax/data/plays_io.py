@@ -24,7 +24,7 @@ from iphyre_jax.data.collection import build
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.journal import Journal
 from iphyre_jax.data.labels import PlayProtocol, label_plans
-from iphyre_jax.data.recipe import Recipe
+from iphyre_jax.data.recipe import MOST_FPS, Recipe
 from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock, steps_to_times
 from iphyre_jax.rules import NEVER, TIME_LIMIT
@@ -158,12 +158,14 @@ def dataset_from_plays(plays: Iterable[Play]) -> Dataset:
         plays: of one rate; of `read_plays`, or those of player lines.
 
     Raises:
-        ValueError: there are none, or they have different rates; one line.
+        ValueError: there are none, or they have different rates, or one that a data set cannot hold; one line.
     """
     given = list(plays)
     rates = sorted({play.fps for play in given})
     if len(rates) != 1:
         raise ValueError(f"plays: expected plays of one rate, got {', '.join(map(str, rates)) or 'no plays'}")
+    if rates[0] > MOST_FPS:
+        raise ValueError(f"plays: expected a rate of at most {MOST_FPS}, got {rates[0]}")
     scenes = list(dict.fromkeys(play.scene for play in given))
     game = np.array([scenes.index(play.scene) for play in given])
     slots = max(scene.limits.blocks for scene in scenes)

@@ -191,8 +191,8 @@ class WeightFiles(Generic[S]):
     max_bytes: int
 
     def names(self, folder: Path) -> tuple[str, ...]:
-        """The names of the trained models in a folder."""
-        return tuple(sorted(file.stem for file in folder.glob("*.npz")))
+        """The names of the trained models in a folder; one without its description was not saved to the end."""
+        return tuple(sorted(file.stem for file in folder.glob("*.npz") if file.with_suffix(".json").is_file()))
 
     def rounded(self, params: Params) -> Params:
         """Parameters as they ship: in the dtype of the files and back."""

@@ -41,11 +41,12 @@ def _maker(module: ModuleType, storage: ModuleType, made: list[str]) -> dict[str
         folder = root if module is world else root / config.name
         folder.mkdir(parents=True, exist_ok=True)
         settings = {"schema": storage.RUNS.schema, "version": VERSION, "settings": config.to_json()}
+        evaluation = {**settings, "measures": storage.RUNS.measures}
         replace_json(folder / CONFIG, settings)
         replace_text(folder / METRICS, "step,loss\n")
-        replace_json(folder / EVALUATION, settings)
+        replace_json(folder / EVALUATION, evaluation)
         made.append(config.name)
-        return settings
+        return evaluation
 
     return {"train": make, "evaluate": lambda *_: None} if module is world else {"make_row": make}
 

@@ -114,6 +114,12 @@ class OutcomeConfig:
         check_least("listwise", self.listwise, 0)
         if self.plans_per_scene > 1 and not self.draws:
             raise ValueError("draws: expected plays of an epoch, as plans_per_scene is above 1, got 0")
+        if self.network == "vision" and self.mirrored:
+            raise ValueError("mirrored: expected False with vision, whose pictures are not mirrored, got True")
+        if self.network in ("relations", "ranker") and self.time_scale != 1:
+            raise ValueError(f"time_scale: expected 1 with {self.network}, that sees seconds, got {self.time_scale:g}")
+        if self.network != "ranker" and self.plans_per_scene > 1:
+            raise ValueError(f"plans_per_scene: expected 1 unless with ranker, got {show(self.plans_per_scene)}")
         if self.epochs % self.chunk:
             raise ValueError(f"chunk: expected a divisor of {self.epochs} epochs, got {show(self.chunk)}")
 

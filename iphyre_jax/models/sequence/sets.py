@@ -82,7 +82,8 @@ def learned_episodes(config: SequenceConfig, folder: Path, console: Console) -> 
         folder: that keeps data sets.
         console: for progress.
     """
-    decisive = {name: getattr(config, name) for name in ("preset", "strategy", "data", "fps", "solved_share")}
+    names = ("preset", "strategy", "data", "fps", "solved_share", "coded_labels")
+    decisive = {name: getattr(config, name) for name in names}
     digits = hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:8]
     file = folder / f"episodes-{config.name}-{digits}.npz"
     if not file.is_file():

@@ -97,6 +97,10 @@ class SequenceConfig:
             raise ValueError(f"chunk: expected a divisor of {self.updates} updates, got {show(self.chunk)}")
         if self.width % self.heads:
             raise ValueError(f"heads: expected a divisor of the width {self.width}, got {show(self.heads)}")
+        if self.mirrored and self.form != "events":
+            raise ValueError(f"mirrored: expected False where actions are {self.form}, whose places stay, got True")
+        if self.coded_labels and self.form == "events":
+            raise ValueError("coded_labels: expected False where actions are events, which have none, got True")
         if not 0 <= self.solved_share <= 1:
             raise ValueError(f"solved_share: expected a number from 0 to 1, got {show(self.solved_share)}")
 

@@ -124,6 +124,13 @@ def test_files_of_before_have_no_weight_of_the_list() -> None:
         settings_of(OutcomeConfig, {k: v for k, v in plain.to_json().items() if k != "width"}, "run")
     with pytest.raises(ValueError, match=r"^listwise: expected a finite number of at least 0, got -1$"):
         dataclasses.replace(plain, listwise=-1).check()
+    for network, changes, message in (
+        ("vision", {"mirrored": True}, "mirrored: expected False with vision"),
+        ("relations", {"time_scale": 15.0}, "time_scale: expected 1 with relations"),
+        ("plan", {"plans_per_scene": 5, "draws": 10}, "plans_per_scene: expected 1 unless with ranker"),
+    ):
+        with pytest.raises(ValueError, match=f"^{message}"):
+            dataclasses.replace(settings("clean", "plan"), network=network, width=64, **changes).check()
 
 
 def test_swinging_rate() -> None:

@@ -138,3 +138,6 @@ def test_settings_are_checked() -> None:
     ):
         with pytest.raises(ValueError, match=message):
             dataclasses.replace(CONFIG, **{field: value}).check()
+    for preset, field in (("paper", "mirrored"), ("ours", "coded_labels")):
+        with pytest.raises(ValueError, match=f"^{field}: expected False where actions are"):
+            dataclasses.replace(CONFIG, preset=preset, **{field: True}).check()
