@@ -127,7 +127,7 @@ def test_files_of_before_have_no_weight_of_the_list() -> None:
     for network, changes, message in (
         ("vision", {"mirrored": True}, "mirrored: expected False with vision"),
         ("relations", {"time_scale": 15.0}, "time_scale: expected 1 with relations"),
-        ("plan", {"plans_per_scene": 5, "draws": 10}, "plans_per_scene: expected 1 unless with ranker"),
+        ("plan", {"plans_per_scene": 4, "draws": 10}, "plans_per_scene: expected 1 unless with ranker"),
     ):
         with pytest.raises(ValueError, match=f"^{message}"):
             dataclasses.replace(settings("clean", "plan"), network=network, width=64, **changes).check()
