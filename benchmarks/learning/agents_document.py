@@ -37,7 +37,7 @@ TITLES: Final[Mapping[str, str]] = MappingProxyType(
         "basic games and variations of them, `mdrnn` from basic games. `objects` is given the true velocities, which "
         "the agent is not; `mdrnn` sees places alone, remembers on the fly, and begins anew at each decision of a "
         "combined agent. Perfect, and motion (the true velocities), show what this learner makes of knowing more; they "
-        "are no bounds, for other columns exceed them.",
+        "are no bounds, for other columns exceed them. SAC was trained beside other work: its seconds are too many.",
         "results-paper": "# Results by the paper's settings\n\nSettings of the paper and of its code, with RLlib's "
         "defaults where that code sets nothing, in our trainer; below them the paper's own numbers. The docstring of "
         "`iphyre_jax/train/settings/presets.py` names what RLlib does otherwise. Above all it maps the times of DDPG "
