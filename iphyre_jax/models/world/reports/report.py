@@ -38,8 +38,8 @@ that is only imagined?
 * Errors are medians over balls, px, that move faster than 5 px/s within the picture when the prediction begins: 300
   moments a column. Those whose play ends sooner drop out, at 6 s a third to a half, so a line is no curve.
 * `objects` and free fall are given the velocities of that moment. `mdrnn` sees places alone, those of the 3.2 s before
-  too: it learned from windows of 6.4 s, at the start of which it remembers nothing. "Moves
-  on" sees places alone too, this one and that of 0.1 s before; it knows neither gravity nor contact.
+  too: it learned from windows of 6.4 s, at the start of which it remembers nothing. The bound that
+  moves on sees places alone too, two of them; it knows neither gravity nor contact.
 * Imagined outcomes and plans begin at rest. Outcomes are of 10 plays of each game, 100 in a column: differences under
   some 8 points can be chance. The last row knows how other plays of the same game end; no model does.
 * Plays are judged in float32, planned attempts in float64. Planners try no plan twice. Where no plan solves a game in a
