@@ -32,8 +32,8 @@ OFFICIAL: Final = (
 TITLES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "results-controllers": "# Agents that see predictions\n\nTo the official observation comes the table 0.1 s "
-        "later if nothing is removed now: by a world model (seed 0 of its row in `world.md`; for PPO and A2C of an "
-        "earlier training of that row), by the simulator (perfect), or zeros in its place. `objects` learned from "
+        "later if nothing is removed now: by a world model (seed 0 of its row in `world.md`; `objects` of PPO and "
+        "A2C of an earlier training of its row), by the simulator (perfect), or zeros in its place. `objects` learned from "
         "basic games and variations of them, `mdrnn` from basic games. `objects` is given the true velocities, which "
         "the agent is not; `mdrnn` sees places alone, remembers on the fly, and begins anew at each decision of a "
         "combined agent. Perfect, and motion (the true velocities), show what this learner makes of knowing more; they "
