@@ -38,6 +38,15 @@ def test_under_the_wrappers_of_brax(strategy: str) -> None:
     step(after, jnp.zeros((4, env.action_size)))
 
 
+def test_nan_removes_nothing() -> None:
+    from iphyre_jax.adapters import BraxEnv
+
+    env = BraxEnv("on-the-fly/support-v1")
+    state = jax.jit(env.reset)(jax.random.PRNGKey(0))
+    after = jax.jit(env.step)(state, jnp.zeros(7).at[2].set(jnp.nan))
+    np.testing.assert_allclose(after.reward, -0.1, rtol=1e-6)
+
+
 @pytest.mark.parametrize("episode_length", [150, 200])
 def test_the_time_limit_is_a_truncation_of_brax(episode_length: int) -> None:
     """With the length of an episode; with a longer one the next decision is done."""
