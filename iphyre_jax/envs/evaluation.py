@@ -96,8 +96,7 @@ def evaluate(
 
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
-            ignores its key. It must have a hash. An action outside the action space, such as NaN, is
-            an error.
+            ignores its key. It must have a hash. An action outside the action space, such as NaN, is an error.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.

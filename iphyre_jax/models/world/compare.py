@@ -107,7 +107,7 @@ def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     if (folder / EVALUATION).is_file():
         found = storage.RUNS.read_evaluation(folder)
         same = {"settings": model.config.to_json(), "steps": steps, "measures": storage.RUNS.measures}
-        if all(found.get(field) == value for field, value in same.items()):
+        if found.items() >= same.items():
             return found
     return {
         "schema": storage.RUNS.schema,

@@ -109,9 +109,8 @@ def read(path: Path) -> Evaluated:
     if not file.is_file():
         raise FileNotFoundError(f"{path}: not evaluated yet, there is no {runs.EVALUATION}")
     content = read_versioned(file, SCHEMA, READABLE)
-    made = content.get(
-        "updates trained", f"{config.updates} of {config.updates}"
-    )  # older evaluations are of whole runs
+    # Older evaluations do not say so: they are of whole runs.
+    made = content.get("updates trained", f"{config.updates} of {config.updates}")
     if not isinstance(made, str) or not (found := UPDATES.match(made)):
         raise ValueError(f"{file}: updates trained: expected N of {config.updates}, ..., got {show(made)}")
     games = {game["game"]: game for game in _checked_games(content.get("games"), file)}

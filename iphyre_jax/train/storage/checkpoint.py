@@ -47,8 +47,8 @@ MAX_MESSAGE: Final = 300  # characters of orbax's, which names files at length
 def save(run: Path, config: TrainConfig, state: RunState) -> Path:
     """Write a checkpoint of a run and remove all but the newest ones.
 
-    A process that is killed here leaves earlier checkpoints untouched, and at most a folder named as
-    it with a dot in front, which the next `save` removes.
+    A process that is killed here leaves earlier checkpoints untouched, and at most a folder whose name has a dot in
+    front of the number, which the next `save` removes.
 
     Returns:
         Its folder.
