@@ -32,7 +32,7 @@ Agent = Callable[..., Floats]
 def candidates(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     """Different random plans of the official distribution, at most `count`, (C, 6) s; NaN for a block that stays."""
     drawn = random_plans(blocks, count, rng)
-    return drawn[unrepeated(drawn)].astype(np.float64)
+    return drawn[unrepeated(drawn)]
 
 
 def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Floats]:
@@ -80,7 +80,7 @@ def draw_randomly(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequ
     """The agent that judges nothing: random plans in the order drawn."""
     del past
     blocks = len(load_scene(scene).eliminable_blocks)
-    return random_plans(blocks, k, rng)[:, :blocks].astype(np.float64)
+    return random_plans(blocks, k, rng)[:, :blocks]
 
 
 def solved_within(agent: Agent, games: Sequence[str], k: int, repeats: int, seed: int = 0) -> Floats:

@@ -27,29 +27,25 @@ def epoch_batches(config: OutcomeConfig, key: jax.Array, train: Examples, scenes
         Two arrays (steps, B), or (steps, B, P) with P plays of a scene in a row.
     """
     steps = steps_per_epoch(config, len(train.label))
-    if config.plans_per_scene > 1:
-        index = _grouped(config, key, train, scenes, steps)
-        return index, jnp.ones(index.shape)
-    return _one_by_one(config, key, jnp.asarray(train.weight), steps)
+    if not config.draws:
+        return _every_play_once(config, key, len(train.label), steps)
+    index = _drawn(config, key, train, scenes, steps)
+    return index, jnp.ones(index.shape)
 
 
-def _one_by_one(config: OutcomeConfig, key: jax.Array, weight: jax.Array, steps: int) -> tuple[jax.Array, jax.Array]:
-    """Every play once, the last batch filled up; or, with `draws`, plays drawn by their weights."""
-    plays, size = len(weight), steps * config.batch_size
-    if config.draws:
-        sums = jnp.cumsum(weight)
-        drawn = jnp.searchsorted(sums, jax.random.uniform(key, (size,)) * sums[-1])
-        index, counts = jnp.minimum(drawn, plays - 1), jnp.ones(size)
-    else:
-        index = jnp.pad(jax.random.permutation(key, plays), (0, size - plays))
-        counts = (jnp.arange(size) < plays).astype(jnp.float32)
+def _every_play_once(config: OutcomeConfig, key: jax.Array, plays: int, steps: int) -> tuple[jax.Array, jax.Array]:
+    """The plays in a random order; the last batch is filled up."""
+    size = steps * config.batch_size
+    index = jnp.pad(jax.random.permutation(key, plays), (0, size - plays))
+    counts = (jnp.arange(size) < plays).astype(jnp.float32)
     return index.reshape(steps, -1), counts.reshape(steps, -1)
 
 
-def _grouped(config: OutcomeConfig, key: jax.Array, train: Examples, scenes: int, steps: int) -> jax.Array:
-    """P plays of each drawn scene, (steps, B, P); each is a solved or a failed one with equal chance, if it has both.
+def _drawn(config: OutcomeConfig, key: jax.Array, train: Examples, scenes: int, steps: int) -> jax.Array:
+    """P plays of each drawn scene, (steps, B, P), or (steps, B) for one; each solves it with equal chance, or fails.
 
-    Every scene has a play. The counts stand for `weight`: sums of millions of weights are too coarse in float32.
+    Every scene has a play, some have only such as fail. The play is drawn by its number: sums of the weights of
+    millions of plays are too coarse in float32.
     """
     kind = 2 * jnp.asarray(train.game) + jnp.asarray(train.label)
     order, count = jnp.argsort(kind), jnp.bincount(kind, length=2 * scenes)
@@ -60,4 +56,5 @@ def _grouped(config: OutcomeConfig, key: jax.Array, train: Examples, scenes: int
     wanted = 2 * scene + jax.random.bernoulli(kind_key, 0.5, shape)
     wanted = jnp.where(count[wanted] > 0, wanted, wanted ^ 1)
     drawn = jnp.floor(jax.random.uniform(play_key, shape) * count[wanted]).astype(jnp.int32)
-    return order[first[wanted] + jnp.minimum(drawn, count[wanted] - 1)]
+    index = order[first[wanted] + jnp.minimum(drawn, count[wanted] - 1)]
+    return index if config.plans_per_scene > 1 else index[..., 0]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.labels import PlayProtocol
+from iphyre_jax.data.official_files import drawn_times
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
 from iphyre_jax.models.sequence.agent import Player, contrast
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
@@ -119,8 +120,7 @@ def randomly(protocol: PlayProtocol) -> Result:
     """The first official random plans of each game."""
     plans = {}
     for name in ALL_GAMES:
-        drawn = np.array([list(plan) for plan in islice(random_plans(load_scene(name), "official", 0), RANDOM)])
-        plans[name] = np.where(drawn == 0, np.nan, drawn)
+        plans[name] = np.array([list(plan) for plan in islice(random_plans(load_scene(name), "official", 0), RANDOM)])
     return _of_plans(plans, protocol)
 
 
@@ -132,16 +132,17 @@ def nearest(learned: Dataset, protocol: PlayProtocol) -> Result:
         away = np.square(rows - scene_rows([load_scene(name)])).sum(axis=(1, 2))
         nearest_one = np.where(solved, away, np.inf).argmin()  # at 10 steps a second nothing solves seesaw
         own = np.flatnonzero((learned.game == nearest_one) & learned.success)
-        plans[name] = np.asarray(learned.times[np.resize(own, 5)], np.float64)
+        plans[name] = drawn_times(learned)[np.resize(own, 5)]
     return _of_plans(plans, protocol)
 
 
 def _of_plans(plans: Mapping[str, Floats], protocol: PlayProtocol) -> Result:
-    """As many plans of each game, (E, 6) s."""
+    """As many plans of each game, (E, 6) s; 0 or NaN is never."""
     scenes, episodes = [load_scene(name) for name in ALL_GAMES], len(next(iter(plans.values())))
     times = np.concatenate([plans[name] for name in ALL_GAMES])
     blocks = np.repeat([len(scene.eliminable_blocks) for scene in scenes], episodes)
-    times = np.where(np.arange(MAX_ELIMINABLE) < blocks[:, None], times, np.nan)  # a similar scene may have more
+    there = np.arange(MAX_ELIMINABLE) < blocks[:, None]  # a similar scene may have more
+    times = np.where(there & (times != 0), times, np.nan)
     played = play(scenes, _worlds(episodes), protocol.steps(times), protocol)
     shape = 1, len(ALL_GAMES), episodes
     return result(played.reward.reshape(shape), played.success.reshape(shape))

@@ -26,4 +26,5 @@ def made_up(count: int, seed: int, *, shuffled: bool = False) -> Dataset:
     removals = ((steps >= 0) & (steps < end[:, None])).sum(axis=1).astype(np.int8)
     draw = np.tile(np.arange(count, dtype=np.int32), len(GAMES))
     entries = [{"scene": name, "draws": 4 * count, "solved": count} for name in GAMES]
-    return Dataset(scenes, game, times, steps, success, end, removals, draw, None, {"fps": 60, "scenes": entries})
+    seconds = times.astype(np.float32)
+    return Dataset(scenes, game, seconds, steps, success, end, removals, draw, None, {"fps": 60, "scenes": entries})

@@ -38,12 +38,12 @@ MOVE: Final = 0.5  # s, the most by which a neighbour's times differ
 STREAM: Final = 104_729  # seeds of these variations: not those that agents train on
 OFFICIAL: Final = PlayProtocol()
 
-Floats = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]  # float32 rounds some tenths up: at 60 fps those blocks went a step late
 
 
 def random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     """Plans of the official distribution, (count, 6) s; NaN for a block that stays or is not there."""
-    plans = np.full((count, MAX_ELIMINABLE), np.nan, np.float32)
+    plans = np.full((count, MAX_ELIMINABLE), np.nan)
     plans[:, :blocks] = agents.random_plans(rng, blocks, count)
     return plans
 
@@ -51,14 +51,14 @@ def random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
 def neighbours(plans: Floats, blocks: npt.NDArray[np.int64], rng: np.random.Generator) -> Floats:
     """Plans that differ from others (N, 6) by one or two times, or by one block that stays."""
     tenths = np.rint(rng.uniform(-MOVE, MOVE, plans.shape) * DECISIONS_PER_SECOND) / DECISIONS_PER_SECOND
-    moved = np.where(rng.random(plans.shape) < 0.5, plans + tenths.astype(np.float32), plans)
+    moved = np.where(rng.random(plans.shape) < 0.5, plans + tenths, plans)
     column = rng.integers(0, blocks)
     toggled = rng.random(len(plans)) < 0.25
     rows = np.flatnonzero(toggled)
-    other = np.round(rng.uniform(0.1, 6.9, len(rows)), 1).astype(np.float32)
+    other = rng.uniform(0.1, 6.9, len(rows))
     stood = np.isnan(moved[rows, column[rows]])
-    moved[rows, column[rows]] = np.where(stood, other, np.float32("nan"))
-    return np.asarray(np.where(moved < 0.05, np.float32(0.1), np.round(moved, 1)), np.float32)
+    moved[rows, column[rows]] = np.where(stood, other, np.nan)
+    return np.maximum(np.round(moved, 1), 0.1)
 
 
 def distracted(scene: Scene, own: int, rng: np.random.Generator) -> Scene:

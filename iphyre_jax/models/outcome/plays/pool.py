@@ -28,7 +28,7 @@ EARLY, LATE = 1.5, 4.0  # s, mean times of hasty and of slow plans
 UNIFORM: Final = 12.0  # s, below which some times are drawn evenly
 START, APART = 3.0, 0.5  # s, means of the first time of a burst, and of how much later each block of it goes
 
-Floats = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
 
 
 def wide_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
@@ -44,7 +44,7 @@ def wide_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     seconds = np.where((rng.random((count, 1)) < 0.4) & (rng.random(shape) < 0.7), burst, seconds)
     instants = np.ceil(np.minimum(seconds, LAST) * DECISIONS_PER_SECOND) / DECISIONS_PER_SECOND
     stays = rng.random(shape) < rng.uniform(0.1, 0.6, (count, 1))
-    return np.where(stays | (np.arange(MAX_ELIMINABLE) >= blocks), np.nan, instants).astype(np.float32)
+    return np.where(stays | (np.arange(MAX_ELIMINABLE) >= blocks), np.nan, instants)
 
 
 def pool_scenes(generated: Sequence[Scene]) -> list[Scene]:

@@ -19,7 +19,7 @@ from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.observations import start_observations
 from iphyre_jax.train.settings.run import TrainConfig
 
-Floats = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
 Propose = Callable[[Sequence[Scene], int, np.random.Generator], Floats]
 """Of S scenes, a number and a generator: so many plans of each, (S, count, 6) s; NaN for a block that stays."""
 
@@ -40,7 +40,7 @@ def proposals_of(policies: Callable[[], Sequence[tuple[TrainConfig, State]]]) ->
     loaded = cache(policies)
 
     def propose(scenes: Sequence[Scene], count: int, rng: np.random.Generator) -> Floats:
-        times = np.full((len(scenes), count, 6), np.nan, np.float32)
+        times = np.full((len(scenes), count, 6), np.nan)
         policy = rng.integers(len(loaded()), size=len(scenes))
         for number, (config, state) in enumerate(loaded()):
             own = np.flatnonzero(policy == number).tolist()
@@ -48,7 +48,7 @@ def proposals_of(policies: Callable[[], Sequence[tuple[TrainConfig, State]]]) ->
                 times[own] = _plans(config, state, [scenes[index] for index in own], count, rng)
         blocks = np.array([len(scene.eliminable_blocks) for scene in scenes])
         missing = np.arange(times.shape[2]) >= blocks[:, None, None]
-        return np.where(missing | (times <= 0), np.float32("nan"), times)  # an action of 0 is never
+        return np.where(missing | (times <= 0), np.nan, times)  # an action of 0 is never
 
     return propose
 
@@ -61,4 +61,4 @@ def _plans(config: TrainConfig, state: State, scenes: Sequence[Scene], count: in
     sampled = warm_samples(agent, distribution, TEMPERATURE, count - 1, rng).reshape(len(scenes), count - 1, -1)
     drawn = jnp.concatenate([agent.head.mode(distribution)[:, None], sampled], axis=1)
     actions = agent.head.action(drawn.reshape(len(scenes) * count, -1))
-    return np.asarray(action_to_times(np.asarray(actions)), np.float32).reshape(len(scenes), count, -1)
+    return np.asarray(action_to_times(np.asarray(actions)), np.float64).reshape(len(scenes), count, -1)

@@ -11,6 +11,7 @@ from rich.console import Console
 from iphyre_jax.models.outcome import baselines
 from iphyre_jax.models.outcome.plays import augmented, sets
 from iphyre_jax.models.outcome.settings import DataName
+from iphyre_jax.plans import plan_to_steps
 from tests.models.outcome.made_up import GAMES, made_up
 
 
@@ -38,10 +39,18 @@ def test_random_plans_are_those_of_the_official_distribution() -> None:
     there = ~np.isnan(plans[:, :3])
     assert abs(there.mean() - 0.8 * 69 / 70) < 0.005
     times = plans[:, :3][there]
-    assert times.min() == np.float32(0.1)
-    assert times.max() == np.float32(6.9)
+    assert times.min() == 0.1
+    assert times.max() == 6.9
     ordered = np.sort(plans[:, :3], axis=1)
     assert not (ordered[:, 1:] == ordered[:, :-1]).any()  # different instants
+
+
+def test_plans_and_neighbours_go_at_exact_tenths_of_a_second() -> None:
+    rng = np.random.default_rng(0)
+    plans = augmented.random_plans(4, 500, rng)
+    for some in (plans, augmented.neighbours(plans, np.full(500, 4), rng)):
+        exact = np.rint(some * 10) / 10
+        np.testing.assert_array_equal(plan_to_steps(some, 60, "simulate"), plan_to_steps(exact, 60, "simulate"))
 
 
 def test_neighbours_differ_little() -> None:
@@ -52,7 +61,7 @@ def test_neighbours_differ_little() -> None:
     assert (np.isnan(near) != np.isnan(plans)).sum(axis=1).max() <= 1
     both = ~np.isnan(near) & ~np.isnan(plans)
     assert np.abs(near - plans)[both].max() < augmented.MOVE + 0.051
-    assert near[~np.isnan(near)].min() >= np.float32(0.1)
+    assert near[~np.isnan(near)].min() >= 0.1
 
 
 def test_only_added_blocks_change_their_flag() -> None:
