@@ -1,4 +1,4 @@
-"""Which plays a batch has: each once, drawn by weight, or many of a scene."""
+"""Which plays a batch has: each once, drawn one by one, or many of a scene."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from iphyre_jax.models.outcome.plays.inputs import Examples, Plans
 from iphyre_jax.models.outcome.settings import settings
 
 
-def plays(game: list[int], label: list[int], weight: list[float] | None = None) -> Examples:
+def plays(game: list[int], label: list[int]) -> Examples:
     """Plays without plans."""
-    none = np.zeros((len(game), 12), np.float32)
-    counts = np.ones(len(game)) if weight is None else np.array(weight)
-    return Examples(np.array(game, np.int32), Plans(none, none), np.array(label, np.int32), counts.astype(np.float32))
+    none, weight = np.zeros((len(game), 12), np.float32), np.ones(len(game), np.float32)
+    return Examples(np.array(game, np.int32), Plans(none, none), np.array(label, np.int32), weight)
 
 
 def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
@@ -27,12 +26,25 @@ def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
 
 
 def test_drawn_plays_are_balanced() -> None:
-    config = dataclasses.replace(settings("relations"), draws=5000, batch_size=100)
-    found = plays([0] * 1000, [0] * 1000, [1.0] * 900 + [9.0] * 100)
-    index, counts = epoch_batches(config, jax.random.key(0), found, 1)
-    assert index.shape == (50, 100)
+    config = dataclasses.replace(settings("relations"), draws=50_000, batch_size=100)
+    # Scene 0 has 900 failures and 100 successes, scene 1 has ten failures.
+    found = plays([0] * 1000 + [1] * 10, [0] * 900 + [1] * 100 + [0] * 10)
+    index, counts = epoch_batches(config, jax.random.key(0), found, 2)
+    assert index.shape == (500, 100)
     assert np.asarray(counts).all()
-    assert abs(float((np.asarray(index) >= 900).mean()) - 0.5) < 0.03
+    drawn = np.bincount(np.asarray(index).ravel(), minlength=1010)
+    assert drawn.min() > 0
+    shares = np.array([drawn[:900].sum(), drawn[900:1000].sum(), drawn[1000:].sum()]) / drawn.sum()
+    np.testing.assert_allclose(shares, [0.25, 0.25, 0.5], atol=0.02)
+
+
+def test_each_of_a_million_plays_can_be_drawn() -> None:
+    config = dataclasses.replace(settings("relations"), draws=200_000, batch_size=1000)
+    count = 500_000  # of each of two scenes
+    found = plays([0] * count + [1] * count, [0] * 2 * count)
+    drawn = np.asarray(epoch_batches(config, jax.random.key(0), found, 2)[0]).ravel()
+    different = len(np.unique(drawn)) / len(drawn)
+    assert abs(different - (1 - np.exp(-0.2)) / 0.2) < 0.005  # as many as of independent draws
 
 
 def test_plays_of_a_scene_stand_together_and_half_of_them_solve_it() -> None:
