@@ -162,7 +162,8 @@ def _next_search(plans: Iterator[Plan], done: Sequence[Search], wanted: tuple[in
     kept = [sum(len(search.rows(solved)) for search in done) for solved in (True, False)]
     rest = (wanted[0] - kept[0], wanted[1] - kept[1])
     number = done[-1].first + done[-1].draws()
-    return Search(plans, rest, recipe.max_draws, number, done[-1].known)
+    known = None if done[-1].known is None else done[-1].known - done[-1].surplus()
+    return Search(plans, rest, recipe.max_draws, number, known)
 
 
 def dataset_of(scenes: Sequence[Scene], found: Sequence[Sequence[Search]], recipe: Recipe, journal: Journal) -> Dataset:

@@ -32,6 +32,7 @@ class Search:
     known: set[bytes] | None = None  # plays that are not kept, as `play_keys` gives them; None: repeats are kept
     times: list[Plan] = field(default_factory=list)
     labels: Labels = field(default_factory=lambda: Labels.join([]))
+    keys: list[bytes] = field(default_factory=list)  # of the draws, as `play_keys` gives them
     is_new: list[bool] = field(default_factory=list)
     exhausted: bool = False
 
@@ -71,9 +72,15 @@ class Search:
         """Note how the draws of a round ended."""
         self.labels = Labels.join([self.labels, labels])
         for key in play_keys(steps, labels.end_step):
+            self.keys.append(key)
             self.is_new.append(self.known is None or key not in self.known)
             if self.known is not None:
                 self.known.add(key)
+
+    def surplus(self) -> set[bytes]:
+        """Return the plays that a last round drew beyond those wanted: another search may still keep them."""
+        kept = {*self.rows(True).tolist(), *self.rows(False).tolist()}
+        return {key for row, key in enumerate(self.keys) if self.is_new[row] and row not in kept}
 
 
 def play_keys(steps: Ints, end_step: Ints) -> list[bytes]:

@@ -11,12 +11,16 @@ import pytest
 
 from iphyre_jax import memory
 from iphyre_jax.compat import generate_actions
-from iphyre_jax.data import collect, load_dataset, repeated_plays, save_dataset, verify
+from iphyre_jax.data import collect, collection, load_dataset, repeated_plays, save_dataset, verify
 from iphyre_jax.data import labels as labels_module
 from iphyre_jax.data.draws import neighbours
 from iphyre_jax.data.generated import generate
+from iphyre_jax.data.labels import Labels
 from iphyre_jax.data.official_files import action_lists
+from iphyre_jax.data.recipe import Recipe
+from iphyre_jax.data.search import Search, play_keys
 from iphyre_jax.plans import official_clock
+from iphyre_jax.scenes import load_scene
 from tests.data.worlds import small
 
 OFFICIAL = {"hole": 148, "support": 122}  # draws until 50 of both kinds, of the official generator
@@ -234,3 +238,17 @@ def test_wrong_arguments_are_one_line(case: str, monkeypatch: pytest.MonkeyPatch
 def test_what_is_written_keeps_its_sums(tmp_path: Path) -> None:
     save_dataset(small(), tmp_path / "small.npz")
     assert not verify(load_dataset(tmp_path / "small.npz"))
+
+
+def test_another_search_may_keep_what_a_last_round_drew_beyond_the_wanted() -> None:
+    search = Search(iter(()), wanted=(1, 1), most=9, known={b"before"})
+    steps, ends = np.arange(4)[:, None], np.full(4, 900, np.int16)
+    search.add(steps, Labels(np.array([True, False, True, False]), ends, np.ones(4, np.int8), np.zeros(4, np.int8)))
+    names = play_keys(steps, ends)
+    assert search.surplus() == set(names[2:])
+    assert search.known == {b"before", *names}
+    scene, recipe = load_scene("support"), Recipe(distribution="mixed")
+    search.times = [[0.1] * 6] * 4
+    following = collection._filling_search(scene, [search], (2, 2), recipe)
+    assert following.known == {b"before", *names[:2]}
+    assert following.wanted == (1, 1)
