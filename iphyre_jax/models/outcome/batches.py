@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from iphyre_jax.models.outcome.plays.inputs import Examples
 from iphyre_jax.models.outcome.settings import OutcomeConfig
+from iphyre_jax.scenes import SPLITS
 
 
 def steps_per_epoch(config: OutcomeConfig, plays: int) -> int:
@@ -53,6 +54,10 @@ def _drawn(config: OutcomeConfig, key: jax.Array, train: Examples, scenes: int, 
     scene_key, kind_key, play_key = jax.random.split(key, 3)
     shape = (steps, config.batch_size // config.plans_per_scene, config.plans_per_scene)
     scene = jax.random.randint(scene_key, (*shape[:2], 1), 0, scenes)
+    if config.basic_share:
+        own_key, share_key = jax.random.split(jax.random.fold_in(scene_key, 1))
+        own = jax.random.randint(own_key, scene.shape, 0, len(SPLITS["basic"]))
+        scene = jnp.where(jax.random.bernoulli(share_key, config.basic_share, scene.shape), own, scene)
     wanted = 2 * scene + jax.random.bernoulli(kind_key, 0.5, shape)
     wanted = jnp.where(count[wanted] > 0, wanted, wanted ^ 1)
     drawn = jnp.floor(jax.random.uniform(play_key, shape) * count[wanted]).astype(jnp.int32)

@@ -49,9 +49,9 @@ learn from, unless the column says so.
   play are left out (which tells of the outcome), the rate swings. `clean` is the same networks without that. Vision is
   a small network trained from scratch on our pictures: the paper's needs weights from elsewhere.
 * `relations` is ours. It learns up to 1,000 + 1,000 plans of each basic game, plans of variations of the basic games
-  with added blocks, and plans of generated scenes, which are near no test game. Each scene and outcome counts alike in
-  what it draws of them, so it sees few plays of the ten games themselves. `relations-basic` has no generated
-  scenes. Which of the two is the preset was chosen on other plans of basic games and on unseen basic games.
+  with added blocks, and plans of generated scenes, which are near no test game. A quarter of its draws are of the ten
+  games; in the others each scene and outcome counts alike. `relations-basic` has no generated scenes. Which of the two
+  is the preset, and the quarter, were chosen on other plans of basic games and on unseen basic games.
 * "plan" sees only the plan, "scene" only the scene. Counting judges by the number of removals.
 * Mean over seeds ± standard deviation. One row of the paper is one run.
 * `models/outcome/`, beside this page, has settings, log and scores of each row.

@@ -51,16 +51,18 @@ class OutcomeConfig:
         removal_flag: tell apart a block that stays from one that goes at once.
         masked_times: leave out removals after the end of the play, as the official files do. This tells of the outcome.
         equal_weights: count each game and class alike in the loss.
-        draws: plays of an epoch, drawn so that each game and class is equally frequent; 0: every play once.
+        draws: plays of an epoch, drawn so that each scene and outcome is equally frequent; 0: every play once.
         mirrored: mirror plays, each with a probability of one half.
         keep_best: keep the network of the epoch with the least loss on held-out plays of basic; else the last.
         width: features of each object, of "relations" and "ranker" alone.
         rounds: of attention, of "relations" and "ranker" alone.
         chunk: epochs between checkpoints.
+        basic_share: share of the draws for the ten basic games, which stand first in the data; the others are of all
+            scenes alike.
         listwise: weight of a second loss, of a scene's plans as a list, beside the cross entropy of each; 0 for none.
     """
 
-    LATER: ClassVar = ("listwise",)  # settings that files have only if they are not the default
+    LATER: ClassVar = ("basic_share", "listwise")  # settings that files have only if they are not the default
 
     preset: PresetName = "paper"
     network: NetworkName = "global"
@@ -85,6 +87,7 @@ class OutcomeConfig:
     width: int = 32
     rounds: int = 3
     chunk: int = 20
+    basic_share: float = 0.0
     listwise: float = 0.0
 
     def check(self) -> None:
@@ -112,6 +115,10 @@ class OutcomeConfig:
             expected = f"a divisor of batch_size, {self.batch_size}"
             raise ValueError(f"plans_per_scene: expected {expected}, got {show(self.plans_per_scene)}")
         check_least("listwise", self.listwise, 0)
+        check_least("basic_share", self.basic_share, 0, 1)
+        if self.basic_share and not (self.draws and self.data in ("large", "generated")):
+            expected = "0 unless plays are drawn from large or generated data"
+            raise ValueError(f"basic_share: expected {expected}, got {show(self.basic_share)}")
         if self.plans_per_scene > 1 and not self.draws:
             raise ValueError("draws: expected plays of an epoch, as plans_per_scene is above 1, got 0")
         if self.network == "vision" and self.mirrored:
@@ -162,6 +169,7 @@ _RELATIONS: Final = OutcomeConfig(
     draws=25_600,
     mirrored=True,
     chunk=1,
+    basic_share=0.25,  # of 16,010 scenes drawn alike the ten games would be one in 1,600
 )
 # It learns longer than `relations`, for time alone decides: each play is seen about eight times.
 _RANKER: Final = dataclasses.replace(
@@ -177,6 +185,7 @@ _RANKER: Final = dataclasses.replace(
     weight_decay=1e-2,
     draws=230_400,
     width=96,
+    basic_share=0.0,
 )
 
 

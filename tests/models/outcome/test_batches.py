@@ -26,7 +26,7 @@ def test_an_epoch_reads_each_play_once_and_a_short_last_batch() -> None:
 
 
 def test_drawn_plays_are_balanced() -> None:
-    config = dataclasses.replace(settings("relations"), draws=50_000, batch_size=100)
+    config = dataclasses.replace(settings("relations"), draws=50_000, batch_size=100, basic_share=0.0)
     # Scene 0 has 900 failures and 100 successes, scene 1 has ten failures.
     found = plays([0] * 1000 + [1] * 10, [0] * 900 + [1] * 100 + [0] * 10)
     index, counts = epoch_batches(config, jax.random.key(0), found, 2)
@@ -38,8 +38,15 @@ def test_drawn_plays_are_balanced() -> None:
     np.testing.assert_allclose(shares, [0.25, 0.25, 0.5], atol=0.02)
 
 
+def test_a_share_of_the_draws_is_of_the_basic_games() -> None:
+    config = dataclasses.replace(settings("relations"), draws=20_000, batch_size=100, basic_share=0.25)
+    found = plays(list(range(40)), [0] * 40)
+    drawn = np.bincount(np.asarray(epoch_batches(config, jax.random.key(0), found, 40)[0]).ravel(), minlength=40)
+    np.testing.assert_allclose(drawn / drawn.sum(), [0.25 / 10 + 0.75 / 40] * 10 + [0.75 / 40] * 30, atol=0.004)
+
+
 def test_each_of_a_million_plays_can_be_drawn() -> None:
-    config = dataclasses.replace(settings("relations"), draws=200_000, batch_size=1000)
+    config = dataclasses.replace(settings("relations"), draws=200_000, batch_size=1000, basic_share=0.0)
     count = 500_000  # of each of two scenes
     found = plays([0] * count + [1] * count, [0] * 2 * count)
     drawn = np.asarray(epoch_batches(config, jax.random.key(0), found, 2)[0]).ravel()

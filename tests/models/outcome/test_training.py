@@ -115,18 +115,20 @@ def test_a_list_is_right_if_a_plan_that_solves_comes_first() -> None:
     assert (gradient[2:] == 0).all()
 
 
-def test_files_of_before_have_no_weight_of_the_list() -> None:
+def test_files_of_before_lack_later_settings() -> None:
     plain, listed = settings("ranker"), dataclasses.replace(settings("ranker"), listwise=0.5)
-    assert "listwise" not in plain.to_json()
+    assert not {"listwise", "basic_share"} & set(plain.to_json())
     for config in (plain, listed):
         assert settings_of(OutcomeConfig, config.to_json(), "run") == config
-    with pytest.raises(ValueError, match=r"^run: settings: expected batch_size, .*, width, got an object of"):
+    with pytest.raises(ValueError, match=r"^run: settings: expected basic_share, .*, width, got an object of"):
         settings_of(OutcomeConfig, {k: v for k, v in plain.to_json().items() if k != "width"}, "run")
     with pytest.raises(ValueError, match=r"^listwise: expected a finite number of at least 0, got -1$"):
         dataclasses.replace(plain, listwise=-1).check()
     for network, changes, message in (
         ("vision", {"mirrored": True}, "mirrored: expected False with vision"),
         ("relations", {"time_scale": 15.0}, "time_scale: expected 1 with relations"),
+        ("plan", {"basic_share": 0.5}, "basic_share: expected 0 unless plays are drawn from large or generated data"),
+        ("plan", {"basic_share": 1.5}, "basic_share: expected a finite number of at least 0 and at most 1, got 1.5"),
         ("plan", {"plans_per_scene": 4, "draws": 10}, "plans_per_scene: expected 1 unless with ranker"),
     ):
         with pytest.raises(ValueError, match=f"^{message}"):
