@@ -102,10 +102,10 @@ def read_versioned(path: Path, schema: str, versions: Sequence[int], max_bytes: 
         ValueError: it is no such object; one line naming the file.
     """
     content = read_json_object(path, max_bytes)
-    if content.get("schema") != schema or content.get("version") not in versions:
-        raise ValueError(
-            f'{path}: expected schema "{schema}", version {versions[-1]}, got {show(content.get("schema"))}'
-        )
+    found = content.get("schema"), content.get("version")
+    if found[0] != schema or found[1] not in versions:
+        got = show(found[0]) if found[0] != schema else f"version {show(found[1])}"
+        raise ValueError(f'{path}: expected schema "{schema}", version {versions[-1]}, got {got}')
     return content
 
 

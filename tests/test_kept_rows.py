@@ -26,6 +26,9 @@ def test_rows_of_other_settings_and_other_files_are_refused(tmp_path: Path) -> N
     (tmp_path / "b.json").write_text('{"schema": "x"}')
     with pytest.raises(ValueError, match=r"b\.json: expected schema \"iphyre_jax/analysis-row\", version 1, got 'x'$"):
         read_rows(tmp_path)
+    (tmp_path / "b.json").write_text('{"schema": "iphyre_jax/analysis-row", "version": 2}')
+    with pytest.raises(ValueError, match=r"version 1, got version 2$"):
+        read_rows(tmp_path)
 
 
 def test_an_error_leaves_no_row(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from typing import Any, Final
 
@@ -14,6 +15,7 @@ from iphyre_jax.data.journal import Report, journal_in
 from iphyre_jax.data.labels import FIRST_RESET, FRESH, PlayProtocol, label_plans, play_poses
 from iphyre_jax.data.search import play_keys
 from iphyre_jax.rules import NEVER
+from iphyre_jax.scenes import scene_to_dict
 
 SHOWN: Final = 5  # rows that a line names
 COLUMNS: Final = ("success", "end_step", "removals")
@@ -61,27 +63,31 @@ def shared_plays(first: Dataset, second: Dataset) -> int:
     Two plays are the same if their scenes are and the same blocks go at the same steps before the end: a removal that
     was planned for later makes no other play of it.
     """
-    others = set(_names(second))
-    return sum(name in others for name in _names(first))
+    others = set(_plays(second))
+    return sum(play in others for play in _plays(first))
 
 
 def repeated_plays(dataset: Dataset) -> int:
     """Return how many plays of a set are in it before."""
-    return len(dataset) - len(set(_names(dataset)))
+    return len(dataset) - len(set(_plays(dataset)))
 
 
 def known_plays(dataset: Dataset) -> dict[str, set[bytes]]:
     """Return the plays of each scene, by the scene's SHA-256, as `play_keys` names them."""
+    sums = [scene_sum(scene) for scene in dataset.scenes]
     known: dict[str, set[bytes]] = {}
-    for name, key in _names(dataset):
-        known.setdefault(name, set()).add(key)
+    for index, key in zip(dataset.game.tolist(), play_keys(dataset.steps, dataset.end_step), strict=True):
+        known.setdefault(sums[index], set()).add(key)
     return known
 
 
-def _names(dataset: Dataset) -> list[tuple[str, bytes]]:
-    sums = [scene_sum(scene) for scene in dataset.scenes]
+def _plays(dataset: Dataset) -> list[tuple[str, bytes]]:
+    """Name plays by scene and removals, whatever the limits of the scenes: beside a larger one a scene has its."""
+    contents = [scene_to_dict(scene) for scene in dataset.scenes]
+    scenes = [json.dumps({**content, "limits": None}, sort_keys=True) for content in contents]
+    own = [np.int16().itemsize * len(scene.eliminable_blocks) for scene in dataset.scenes]
     keys = play_keys(dataset.steps, dataset.end_step)
-    return [(sums[index], key) for index, key in zip(dataset.game.tolist(), keys, strict=True)]
+    return [(scenes[index], key[: own[index]]) for index, key in zip(dataset.game.tolist(), keys, strict=True)]
 
 
 def _steps_without_times(dataset: Dataset, protocol: PlayProtocol) -> list[str]:
@@ -90,10 +96,10 @@ def _steps_without_times(dataset: Dataset, protocol: PlayProtocol) -> list[str]:
     The rule "in_advance" rounds times to tenths of a second, up or down.
     """
     late = dataset.steps / dataset.fps - dataset.times
-    early = 1e-5 + (0.05 if protocol.rule == "in_advance" else 0.0)  # s; times are kept in float32
+    rounded = 1e-5 + (0.05 if protocol.rule == "in_advance" else 0.0)  # s; times are kept in float32
     waits = (dataset.steps.shape[1] + 1) / dataset.fps
     played = dataset.steps != NEVER
-    wrong = played & ~((late > -early) & (late < waits))  # True where the time is NaN
+    wrong = played & ~((late > -rounded) & (late < waits + rounded))  # True where the time is NaN
     return _difference("steps", np.asarray(wrong.any(axis=1)))
 
 

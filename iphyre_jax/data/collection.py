@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import Plan, neighbours, random_plans
 from iphyre_jax.data.journal import Journal, Report, journal_in
@@ -65,7 +66,7 @@ def collect(
         pose_dtype: "float32", or "float64" for tables that equal the official ones bit for bit.
         max_draws: of one game, 1 to 1,000,000; it has fewer plays if they do not suffice, and the manifest says so.
         policy: for "policy": of a scene and the seed, plans without end, each with a time in s for every slot of the
-            scene's limits (6); 0 or NaN for a block that stays.
+            scene's limits (6); 0 or NaN for a block that stays and for a slot that the scene has no block for.
         journal: a folder for what is done so far: after a kill the same call goes on there. It is removed at the end.
         report: called with a line of progress after each round.
         save: called with the data set before the journal goes, so that a kill between the two loses nothing.
@@ -129,7 +130,7 @@ def gather(
 def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
     """Return the plans of a recipe for a scene, without the first ones."""
     if recipe.policy is not None:
-        plans = _with_slots(recipe.policy(scene, recipe.seed), scene.limits.blocks)
+        plans = _with_slots(recipe.policy(scene, recipe.seed), scene)
     else:
         drawn = "official" if recipe.distribution == "mixed" else recipe.distribution
         plans = random_plans(scene, drawn, recipe.seed)
@@ -138,11 +139,15 @@ def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
     return plans
 
 
-def _with_slots(plans: Iterator[Plan], slots: int) -> Iterator[Plan]:
-    """Yield plans; ValueError, one line, at the first that has not a time for each slot."""
+def _with_slots(plans: Iterator[Plan], scene: Scene) -> Iterator[Plan]:
+    """Yield plans; ValueError, one line, at the first that has not a time for each slot, or one for no block."""
+    slots, blocks = scene.limits.blocks, len(scene.eliminable_blocks)
     for plan in plans:
         if np.shape(plan) != (slots,):
             raise ValueError(f"policy: expected plans of {slots} times, got one of shape {np.shape(plan)}")
+        if np.nan_to_num(np.asarray(plan[blocks:], np.float64)).any():
+            expected = f"0 or NaN after the times of the {blocks} eliminable blocks of {scene.name}"
+            raise ValueError(f"policy: expected {expected}, got {show(list(plan))}")
         yield plan
 
 

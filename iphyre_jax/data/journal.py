@@ -97,8 +97,9 @@ def journal_in(folder: str | os.PathLike[str] | None, report: Report | None = No
     path.mkdir(parents=True, exist_ok=True)
     with locked(path):
         yield Journal(path, report or _silent)
+        with suppress(OSError):
+            for file in path.iterdir():
+                if _ENTRY.fullmatch(file.name):
+                    file.unlink(missing_ok=True)
     with suppress(OSError):
-        for file in path.iterdir():
-            if _ENTRY.fullmatch(file.name):
-                file.unlink(missing_ok=True)
         path.rmdir()

@@ -40,7 +40,11 @@ Floats = npt.NDArray[np.float64]
 
 
 def drawn_times(dataset: Dataset) -> Floats:
-    """Return the times as they were drawn, (N, S) float64, 0 for never: tenths of a second are exact again."""
+    """Return the times as they were drawn, (N, S) float64, 0 for never: tenths of a second are exact again.
+
+    Of plans in tenths with 0 for never, as all distributions but "policy" draw them, `plan_to_steps` makes the steps
+    that were played. NaN of a policy becomes 0, which takes a frame by the rule "simulate"; other times stay rounded.
+    """
     times = np.nan_to_num(dataset.times.astype(np.float64))
     tenths = np.rint(times / INTERVAL) * INTERVAL
     return np.where(np.abs(times - tenths) < _GRID, tenths, times)
@@ -82,6 +86,8 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
             lists = action_lists(own.select(own.success == solved))
             unused = range(_own_limits(scene).blocks, own.times.shape[1])  # slots for other scenes of the set
             np.save(game / name, np.delete(lists, unused, axis=1))
+        for old in _sequence_files(game)[0 if own.poses is None else len(own) :]:
+            shutil.rmtree(old.parent)
         if own.poses is not None:
             _save_sequences(scene, own.select(np.argsort(~own.success, kind="stable")), game)
 
@@ -92,8 +98,6 @@ def _own_limits(scene: Scene) -> Limits:
 
 
 def _save_sequences(scene: Scene, dataset: Dataset, game: Path) -> None:
-    for old in _sequence_files(game)[len(dataset) :]:
-        shutil.rmtree(old.parent)
     centres = scene.centres[list(scene.eliminable_blocks)]
     for number, (times, table) in enumerate(zip(drawn_times(dataset), tables(dataset), strict=True)):
         clicks = [(*centre, time) for centre, time in zip(centres, times, strict=False) if time]
@@ -169,11 +173,11 @@ def _read_game(game: Path, scene: Scene) -> tuple[Floats, Floats]:
     lists = [game / name for name in LISTS.values()]
     if all(file.is_file() for file in lists):
         rows = np.concatenate([_read_array(file, slots + _RESULTS) for file in lists])
-        return _checked(rows[:, :slots], game), rows[:, slots:]
+        return _checked(rows[:, :slots], scene, game), rows[:, slots:]
     times = [_plan_of_clicks(file, scene) for file in _sequence_files(game)]
     if not times:
         raise ValueError(f"{one_line(str(game))}: expected {' and '.join(LISTS.values())}, or sequences 0, 1, ...")
-    return _checked(np.array(times), game), np.full((len(times), _RESULTS), np.nan)
+    return _checked(np.array(times), scene, game), np.full((len(times), _RESULTS), np.nan)
 
 
 def _sequence_files(game: Path) -> list[Path]:
@@ -209,7 +213,10 @@ def _read_array(file: Path, columns: int) -> Floats:
     return array.astype(np.float64)
 
 
-def _checked(times: Floats, game: Path) -> Floats:
+def _checked(times: Floats, scene: Scene, game: Path) -> Floats:
     if times.size and not ((times >= 0) & (times <= TIME_LIMIT)).all():  # False for NaN
         raise ValueError(f"{one_line(str(game))}: expected times from 0 to {TIME_LIMIT:g} s")
+    blocks = len(scene.eliminable_blocks)
+    if times[:, blocks:].any():
+        raise ValueError(f"{one_line(str(game))}: expected 0 after the times of its {blocks} eliminable blocks")
     return times

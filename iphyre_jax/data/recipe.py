@@ -67,19 +67,19 @@ class Recipe:
 
 
 def check_recipe(recipe: Recipe, scenes: Sequence[Scene], successes: int, failures: int) -> Recipe:
-    """Return a recipe with a whole fps; ValueError in one line before anything is drawn."""
+    """Return a recipe whose numbers are those of Python; ValueError in one line before anything is drawn."""
     check_whole("successes", successes, 0, MOST_OF_A_KIND)
     check_whole("failures", failures, 0, MOST_OF_A_KIND)
     check_option("distribution", recipe.distribution, DISTRIBUTIONS)
     check_option("form", recipe.form, FORMS)
     check_option("pose_dtype", recipe.pose_dtype, POSE_DTYPES)
     check_flag("sequences", recipe.sequences)
-    check_whole("seed", recipe.seed, 0, 2**32 - 1)
-    check_whole("max_draws", recipe.max_draws, 1, MOST_DRAWS)
+    seed = check_whole("seed", recipe.seed, 0, 2**32 - 1)
+    max_draws = check_whole("max_draws", recipe.max_draws, 1, MOST_DRAWS)
     protocol = recipe.protocol
     rate = whole_fps(protocol.fps)
     check_option("rule", protocol.rule, get_args(Rule))
-    check_resets(protocol.resets)
+    resets = check_resets(protocol.resets)
     if rate > MOST_FPS or (recipe.sequences and rate % DECISIONS_PER_SECOND):
         wanted = f"at most {MOST_FPS}, with sequences a multiple of {DECISIONS_PER_SECOND}"
         raise ValueError(f"fps: expected {wanted}, got {show(protocol.fps)}")
@@ -90,10 +90,10 @@ def check_recipe(recipe: Recipe, scenes: Sequence[Scene], successes: int, failur
     if recipe.form == "exact" and (recipe.unique or protocol.resets != FRESH):
         wanted = f"fresh for the distribution {recipe.distribution} and resets {protocol.resets}"
         raise ValueError(f"form: expected {wanted}, got exact")
-    draws = min(recipe.max_draws, 1000 * (successes + failures))
+    draws = min(max_draws, 1000 * (successes + failures))
     check_memory("max_draws", len(scenes) * draws * _BYTES_OF_DRAW, "collect fewer games at a time")
     check_poses(recipe, scenes, len(scenes) * (successes + failures))
-    return replace(recipe, protocol=replace(protocol, fps=rate))
+    return replace(recipe, seed=seed, max_draws=max_draws, protocol=replace(protocol, fps=rate, resets=resets))
 
 
 def check_poses(recipe: Recipe, scenes: Sequence[Scene], plays: int) -> None:

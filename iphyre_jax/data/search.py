@@ -106,7 +106,7 @@ def run_searches(
         counts = [len(plans) for plans in drawn]
         active = sum(count > 0 for count in counts)
         game = np.repeat(np.arange(len(scenes)), counts)
-        times = np.array([plan for plans in drawn for plan in plans])
+        times = np.array([plan for plans in drawn for plan in plans], np.float64)  # as they are kept
         steps = protocol.steps(times)
         firsts = [search.first + len(search.times) - count for search, count in zip(searches, counts, strict=True)]
         draws = np.concatenate([first + np.arange(count) for first, count in zip(firsts, counts, strict=True)])

@@ -11,7 +11,7 @@ import pytest
 
 from iphyre_jax import memory
 from iphyre_jax.compat import generate_actions
-from iphyre_jax.data import collect, collection, load_dataset, repeated_plays, save_dataset, verify
+from iphyre_jax.data import collect, collection, load_dataset, repeated_plays, save_dataset, shared_plays, verify
 from iphyre_jax.data import labels as labels_module
 from iphyre_jax.data.draws import neighbours
 from iphyre_jax.data.generated import generate
@@ -20,7 +20,7 @@ from iphyre_jax.data.official_files import action_lists
 from iphyre_jax.data.recipe import Recipe
 from iphyre_jax.data.search import Search, play_keys
 from iphyre_jax.plans import official_clock
-from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes import Limits, load_scene
 from tests.data.worlds import small
 
 OFFICIAL = {"hole": 148, "support": 122}  # draws until 50 of both kinds, of the official generator
@@ -169,10 +169,42 @@ def test_plans_of_a_policy_until_the_draws_end() -> None:
     np.testing.assert_array_equal(made.times[0], np.array(plan, np.float32))
 
 
-def test_times_that_are_rounded_up_or_down_are_verified() -> None:
+def test_float32_plans_of_a_policy_have_the_labels_of_their_steps() -> None:
+    plans = np.random.default_rng(0).choice(np.arange(1, 80) * 0.05, (40, 6)).astype(np.float32)
+    plans[:, 4:] = 0
+    made = collect(
+        ["hole"], successes=40, failures=40, distribution="policy", policy=lambda *_: iter(plans), rule="in_advance",
+        fps=10, max_draws=40,
+    )  # fmt: skip
+    assert len(made) > 30
+    assert not verify(made)
+
+
+def test_numbers_of_numpy_are_taken(tmp_path: Path) -> None:
+    made = collect(["hole"], successes=1, failures=1, seed=np.int64(0), max_draws=np.int64(500), resets=np.int64(2))
+    save_dataset(made, tmp_path / "made.npz")
+    assert load_dataset(tmp_path / "made.npz").manifest["max_draws"] == 500
+
+
+def test_the_same_plays_beside_a_larger_scene() -> None:
+    alone, larger = collect(["hole"], successes=3, failures=3), load_scene("support", Limits(12, 7))
+    beside = collect(["hole", larger], successes=3, failures=3)
+    assert beside.steps.shape[1] == 7
+    assert shared_plays(alone, beside) == shared_plays(beside, alone) == len(alone)
+    assert repeated_plays(beside) == 0
+
+
+@pytest.mark.parametrize("fps", [60, 200, 600])
+def test_times_that_are_rounded_up_or_down_are_verified(fps: int) -> None:
     plans = [[1.234, 2.31, 0, 0, 0, 0], [3.36, 4.04, 0, 0, 0, 0], [1.0, 1.1, 0, 0, 0, 0]]
     made = collect(
-        ["support"], failures=9, distribution="policy", policy=lambda *_: iter(plans), rule="in_advance", max_draws=3
+        ["support"],
+        failures=9,
+        distribution="policy",
+        policy=lambda *_: iter(plans),
+        rule="in_advance",
+        max_draws=3,
+        fps=fps,
     )
     assert len(made) == 3
     assert not verify(made)
@@ -181,6 +213,9 @@ def test_times_that_are_rounded_up_or_down_are_verified() -> None:
 def test_a_plan_of_another_length_is_one_line() -> None:
     with pytest.raises(ValueError, match=r"^policy: expected plans of 6 times, got one of shape \(2,\)$"):
         collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0]))
+    of_no_block = r"^policy: expected 0 or NaN after the times of the 2 eliminable blocks of support, got a list of 6"
+    with pytest.raises(ValueError, match=of_no_block):
+        collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0, 0.0, 0.0, 3.0, 0.0]))
 
 
 @pytest.mark.parametrize("wanted", [0, 60])

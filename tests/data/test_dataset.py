@@ -1,6 +1,8 @@
 """Data sets on disk: what is written is read, a changed byte is refused, equal sets have equal bytes."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax.data import Dataset, load_dataset, save_dataset, verify
+from iphyre_jax.data import journal as journal_module
 from iphyre_jax.data.dataset import SCHEMA, VERSION, _text, _with_sum, scene_entry
 from iphyre_jax.data.journal import journal_in
 from iphyre_jax.scenes import load_scene, vary
@@ -226,3 +229,18 @@ def test_a_journal_leaves_files_of_others(tmp_path: Path) -> None:
         assert len(list(folder.glob("*.npz"))) == 1
         (folder / f".{'0' * 64}.01234567.part.npz").touch()  # the draft of a killed process
     assert [path.name for path in folder.iterdir()] == ["thesis.txt"]
+
+
+def test_what_the_next_process_keeps_in_a_journal_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    free = journal_module.locked
+
+    @contextmanager
+    def then_another(folder: Path) -> Iterator[None]:
+        with free(folder):
+            yield
+        (folder / f"{'1' * 64}.npz").touch()  # of the process that takes the lock now
+
+    monkeypatch.setattr(journal_module, "locked", then_another)
+    with journal_in(tmp_path) as journal:
+        journal.entry({"a": 1}, {}, lambda: {"x": np.zeros(2)})
+    assert [path.name for path in tmp_path.iterdir()] == [f"{'1' * 64}.npz"]

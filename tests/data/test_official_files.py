@@ -67,6 +67,10 @@ BROKEN = {
     "pickle": (np.array([{"a": 1}], object), "expected an array of numbers"),
     "shape": (np.zeros((3, 4)), r"expected numbers of shape \(n, 9\)"),
     "times": (np.full((3, 9), 99.0), "expected times from 0 to 15 s"),
+    "no block": (
+        np.array([[1.0, 2.0, 0, 0, 3.0, 0, 1, 2, 5]]),
+        "expected 0 after the times of its 4 eliminable blocks",
+    ),
     "text": (np.array([["a"] * 9]), "expected numbers of shape"),
 }
 
@@ -104,6 +108,8 @@ def test_fewer_sequences_replace_more(tmp_path: Path) -> None:
     save_official(own.select(np.arange(len(own)) < 2), tmp_path)
     kept = {path.name for path in (tmp_path / own.scenes[0].name).iterdir() if path.is_dir()}
     assert kept == {"0", "1"}
+    save_official(replace(own, poses=None), tmp_path)
+    assert not [path for path in (tmp_path / own.scenes[0].name).iterdir() if path.is_dir()]
 
 
 def test_player_lines_round_trip(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from iphyre_jax.scenes.geometry import TOLERANCE, Floats
 STRETCH: Final = (0.86, 1.1)  # factors of all positions; a scene whose objects then overlap keeps its size
 SHIFT: Final = 100.0  # px, the largest shift of a whole game in each direction
 JITTER: Final = (4.0, 30.0)  # px, the largest displacement of an object, drawn for each scene
-TURN: Final = 0.5  # times that, the largest displacement of a bar's end against its other end
+TURN: Final = 0.5  # times that, by which the ends of a bar go further at most, one against the other
 LOWEST: Final = 560.0  # px, y of the lowest object
 TRIES: Final = 3
 

@@ -58,8 +58,8 @@ def generate_scenes(
         BlockingIOError: another process uses the journal; one line.
         OSError: the journal cannot be written.
     """
-    check_whole("count", count, 1, MOST)
-    check_whole("seed", seed, 0, MAX_SEED)
+    count = check_whole("count", count, 1, MOST)
+    seed = check_whole("seed", seed, 0, MAX_SEED)
     check_option("kind", kind, tuple(KINDS))
     settings = GeneratorSettings(seed, protocol_named(protocol), kind)
     check_memory("count", count * BYTES_OF_SCENE, "generate fewer at a time, with other seeds")

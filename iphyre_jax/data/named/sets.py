@@ -181,7 +181,7 @@ def named_set(
     """
     check_option("name", name, NAMED_SETS)
     check_flag("sequences", sequences)
-    check_whole("scale", scale, 1, MOST_SCALE)
+    scale = check_whole("scale", scale, 1, MOST_SCALE)
     if games is not None and not is_list(games):
         raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
     only = None if games is None else tuple(_check_game(game) for game in games)
