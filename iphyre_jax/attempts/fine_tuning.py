@@ -18,7 +18,7 @@ from iphyre_jax.attempts.policies import attempts_of
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, show, whole_fps
 from iphyre_jax.envs.arguments import key_of
-from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scene
+from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scenes
 from iphyre_jax.train.algos.actor_critic import State
 from iphyre_jax.train.algos.base import Algorithm, preferring
 from iphyre_jax.train.algos.registry import algorithm, init
@@ -74,7 +74,7 @@ class FineTuned:
         check_whole("batch", self.batch, 2)
         check_whole("seed", seed, 0, MAX_SEED)
         config = self._config(whole_fps(fps), check_resets(resets))
-        scenes = [load_scene(game) for game in games]
+        scenes = load_scenes(games)
         parts = []
         for index, scene in enumerate(scenes):
             for run in range(runs):

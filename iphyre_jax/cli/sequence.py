@@ -82,14 +82,15 @@ def _run(action: Train | Evaluate | Compare, console: Console) -> None:
         return
     if isinstance(action, Train):
         config = row_of(compare.ROWS, action.row)
-        _print(compare.make_row(action.root, config, console), console)
+        _print(compare.make_row(action.root, config, console), config.fps, console)
     else:
-        _print(storage.RUNS.read_evaluation(action.run, row=str, settings=dict, modes=dict), console)
+        found = storage.RUNS.read_evaluation(action.run, row=str, modes=dict)
+        _print(found, storage.RUNS.read_config(action.run).fps, console)
 
 
-def _print(evaluation: Mapping[str, Any], console: Console) -> None:
+def _print(evaluation: Mapping[str, Any], fps: int, console: Console) -> None:
     """Print the mean reward of an evaluated row on each split."""
-    say(console, f"{evaluation['row']}: mean reward / solved %, {evaluation['settings']['fps']} fps, float64")
+    say(console, f"{evaluation['row']}: mean reward / solved %, {fps} fps, float64")
     for mode in report.MODES:
         if mode in evaluation["modes"]:
             cells = report.result_cells(evaluation["modes"][mode])

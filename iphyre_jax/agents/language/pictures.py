@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from math import floor
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,7 @@ except ModuleNotFoundError as error:
 
 SIZE: Final = 512  # px
 MOMENTS: Final = 5  # pictures of an attempt
+_ROUNDING: Final = 1e-6  # tenths of a second: ten times 0.3 may be a little less than 3
 _LABEL: Final = 20  # px, letters of the numbers
 _LOOK: Final = Look("official", SIZE, captions=False, mark=False, fade=0.0)
 
@@ -33,7 +35,7 @@ def start(scene: Scene) -> bytes:
 
 
 def after_removals(scene: Scene, attempt: Attempt) -> list[bytes]:
-    """Return five PNG pictures of an attempt with poses, from its last removal to its end.
+    """Return five PNG pictures of an attempt with poses, from the first tenth of a second after its last removal on.
 
     Raises:
         ValueError: the attempt has no poses; one line.
@@ -42,9 +44,9 @@ def after_removals(scene: Scene, attempt: Attempt) -> list[bytes]:
         raise ValueError("attempt: expected one with poses, as the feedback trajectory gives them")
     last = max(min(round(attempt.seconds * DECISIONS_PER_SECOND), len(attempt.poses) - 1), 1)
     played = attempt.poses[: last + 1, : scene.n_objects]
-    steps = [NEVER if np.isnan(time) else round(time * DECISIONS_PER_SECOND) for time in attempt.times]
+    steps = [NEVER if np.isnan(time) else floor(time * DECISIONS_PER_SECOND + _ROUNDING) for time in attempt.times]
     camera = Camera(Recording.of_poses(scene, steps, played, fps=DECISIONS_PER_SECOND, success=attempt.success), _LOOK)
-    first = max((step for step in steps if NEVER < step < last), default=0)
+    first = max((step + 1 for step in steps if NEVER < step < last), default=0)
     return [_numbered(camera, scene, round(frame)) for frame in np.linspace(first, last, MOMENTS)]
 
 

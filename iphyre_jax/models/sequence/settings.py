@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
-from iphyre_jax.checks import check_flag, check_option, check_positive, check_whole, show
+from iphyre_jax.checks import check_flag, check_least, check_option, check_positive, check_whole, show
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
@@ -101,8 +101,9 @@ class SequenceConfig:
             raise ValueError(f"mirrored: expected False where actions are {self.form}, whose places stay, got True")
         if self.coded_labels and self.form == "events":
             raise ValueError("coded_labels: expected False where actions are events, which have none, got True")
-        if not 0 <= self.solved_share <= 1:
-            raise ValueError(f"solved_share: expected a number from 0 to 1, got {show(self.solved_share)}")
+        check_least("solved_share", self.solved_share, 0, 1)
+        for name in ("smoothing", "weight_decay"):
+            check_least(name, getattr(self, name), 0)
 
     @property
     def form(self) -> ActionForm:

@@ -128,7 +128,7 @@ def loss(config: SequenceConfig, params: Params, batch: Batch) -> jax.Array:
     """
     logits = cast(Logits, SequenceModel(config).apply(params, batch.inputs))
     each = log_likelihood(config, logits, batch.inputs.actions, config.smoothing)
-    learned = (batch.weight > 0) & (each > NOWHERE / 2)
+    learned = (batch.weight > 0) & ~(each <= NOWHERE / 2)  # NaN stays: it tells that training has diverged
     weight = jnp.where(learned, batch.weight, 0.0)
     return -(jnp.where(learned, each, 0.0) * weight).sum() / jnp.maximum(weight.sum(), 1e-9)
 

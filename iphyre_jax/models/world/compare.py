@@ -84,10 +84,12 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
     The best one imagines most outcomes of CHOSEN_ON rightly; the first one among equals.
 
     Raises:
-        FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
+        FileNotFoundError, ValueError: one line naming the file and what is wrong with it; a run is not whole.
     """
     best: dict[str, tuple[float, Path]] = {}
     for folder in folders:
+        if not _is_whole(folder):
+            raise ValueError(f"{folder / EVALUATION}: steps: expected those of a whole run")
         measures = storage.RUNS.read_evaluation(folder)["columns"].get(CHOSEN_ON)
         if measures is None:
             raise ValueError(f"{folder / EVALUATION}: columns: expected {CHOSEN_ON}, it is not there yet")
@@ -101,11 +103,18 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
     return list(best)
 
 
+def _is_whole(folder: Path) -> bool:
+    """Whether a run was evaluated after its last step."""
+    if not (folder / EVALUATION).is_file():
+        return False
+    return bool(storage.RUNS.read_evaluation(folder).get("steps") == storage.RUNS.read_config(folder).steps)
+
+
 def _evaluation(folder: Path, model: WorldModel) -> dict[str, Any]:
     """The evaluation of a run so far; a new one if it was trained further."""
     steps = model.origin["steps"]
     if (folder / EVALUATION).is_file():
-        found = storage.RUNS.read_evaluation(folder)
+        found = storage.RUNS.read_evaluation(folder, columns=dict, planning=dict)
         same = {"settings": model.config.to_json(), "steps": steps, "measures": storage.RUNS.measures}
         if found.items() >= same.items():
             return found
@@ -149,7 +158,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
         write_report(where)
     if where.weights is not None:
         folders = [where.root / row_settings(SHIPPED, seed).name for seed in SEEDS]
-        if all((folder / EVALUATION).is_file() for folder in folders):
+        if all(_is_whole(folder) for folder in folders):
             ship(folders, where.weights)
     say(console, f"Written: {where.out}")
 

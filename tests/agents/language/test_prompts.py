@@ -148,3 +148,19 @@ def test_pictures_show_numbers_and_five_moments() -> None:
     assert len(Prompt("plain", "in-advance", "frames").conversation(PENDULUM, [attempt(poses)])[-1].pictures) == 6
     with pytest.raises(ValueError, match=r"^attempt: expected one with poses"):
         after_removals(PENDULUM, attempt())
+
+
+@pytest.mark.parametrize("seconds", [1.0, 1.04, 1.06])
+def test_a_removed_block_is_in_no_picture_after_it(seconds: float) -> None:
+    pytest.importorskip("PIL")
+    import io
+
+    from PIL import Image
+
+    hinder = load_scene("hinder")
+    poses, never = np.tile(hinder.start_poses, (151, 1, 1)), [np.nan] * (len(hinder.eliminable_blocks) - 1)
+    made = Attempt(np.array([seconds, *never]), False, -25.0, 1, 15.0, poses)
+    x, y = (hinder.start_poses[hinder.eliminable_blocks[0], :2] * SIZE / 600).round().astype(int)
+    for png in after_removals(hinder, made):
+        picture = np.asarray(Image.open(io.BytesIO(png)).convert("L"))
+        assert picture[y - 8 : y + 9, x - 8 : x + 9].min() == 255

@@ -77,6 +77,13 @@ def test_what_diverged_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert not (tmp_path / "run" / STATE).exists()
 
 
+def test_what_is_not_a_number_stays_in_the_loss(trained: tuple[Path, training.SequenceState]) -> None:
+    params = training.of_seed(trained[1].params, 0)
+    batch = training.draw(CONFIG, jax.tree.map(jnp.asarray, DATA), jax.random.key(0))
+    assert np.isfinite(training.loss(CONFIG, params, batch))
+    assert np.isnan(training.loss(CONFIG, jax.tree.map(lambda leaf: leaf * np.nan, params), batch))
+
+
 def test_ships_what_it_was(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
     params = storage.FILES.rounded(training.of_seed(trained[1].params, 1))
     storage.save_model(storage.TrainedSequenceModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
@@ -134,7 +141,10 @@ def test_settings_are_checked() -> None:
         ("chunk", 7, "chunk: expected a divisor of 60 updates, got 7"),
         ("heads", 3, "heads: expected a divisor of the width 16, got 3"),
         ("fps", 30, "fps: expected one of 10, 60, got 30"),
-        ("solved_share", 1.5, "solved_share: expected a number from 0 to 1"),
+        ("solved_share", 1.5, "solved_share: expected a finite number of at least 0 and at most 1"),
+        ("solved_share", "x", "solved_share: expected a finite number"),
+        ("smoothing", float("nan"), "smoothing: expected a finite number of at least 0"),
+        ("weight_decay", -5, "weight_decay: expected a finite number of at least 0"),
     ):
         with pytest.raises(ValueError, match=message):
             dataclasses.replace(CONFIG, **{field: value}).check()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from iphyre_jax.files import replace_json
+from iphyre_jax.files import read_json_object, replace_json
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import compare, planning, storage
 from iphyre_jax.models.world.reports import metrics
@@ -106,7 +106,11 @@ def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert compare.ship(folders, tmp_path) == ["objects-100"]
     assert saved["objects-100"].config.seed == 2  # it has the largest share of right outcomes
     assert saved["objects-100"].origin["share"] == pytest.approx(0.7)
-    replace_json(folders[0] / EVALUATION, _evaluation(0, 400.0))
+    whole = read_json_object(folders[0] / EVALUATION)
+    replace_json(folders[0] / EVALUATION, {**whole, "steps": whole["steps"] // 2})
+    with pytest.raises(ValueError, match=r"evaluation\.json: steps: expected those of a whole run$"):
+        compare.ship(folders, tmp_path)
+    replace_json(folders[0] / EVALUATION, {**whole, "columns": {}})
     with pytest.raises(ValueError, match=r"evaluation\.json: columns: expected unseen_basic"):
         compare.ship(folders, tmp_path)
 

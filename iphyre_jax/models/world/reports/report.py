@@ -36,7 +36,7 @@ that is only imagined?
   (`networks/mdrnn.py`), from 1,000 plays of basic games: compare it with `objects-1000`. The number behind it counts
   gradient steps. Its sigma is never below 6 px, so smaller errors hardly counted in its training.
 * Errors are medians over balls, px, that move faster than 5 px/s within the picture when the prediction begins: 300
-  moments a column. Those whose play ends sooner drop out, at 6 s a third to a half, so a line is no curve.
+  moments a column. Those whose play ends sooner drop out, at 6 s a third to two fifths, so a line is no curve.
 * `objects` and free fall are given the velocities of that moment. `mdrnn` sees places alone, those of the 3.2 s before
   too: it learned from windows of 6.4 s, at the start of which it remembers nothing. The bound that
   moves on sees places alone too, two of them; it knows neither gravity nor contact.
