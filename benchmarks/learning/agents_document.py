@@ -32,13 +32,12 @@ OFFICIAL: Final = (
 TITLES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "results-controllers": "# Agents that see predictions\n\nTo the official observation comes the table 0.1 s "
-        "later if nothing is removed now: by a world model (seed 0 of its row in `world.md`; `objects` of PPO and "
-        "A2C of an earlier training of its row), by the simulator (perfect), or zeros in its place. `objects` learned "
-        "from basic games and variations of them, `mdrnn` from basic games. `objects` is given the true velocities, "
-        "which the agent is not; `mdrnn` sees places alone, remembers on the fly, and begins anew at each decision of "
-        "a combined agent. Perfect, and motion (the true velocities), show what this learner makes of knowing more; "
-        "they are no bounds, for other columns exceed them. SAC was trained beside other work: its seconds are too "
-        "many.",
+        "later if nothing is removed now: by a world model (seed 0 of its row in `world.md`), by the simulator "
+        "(perfect), or zeros in its place. `objects` learned from basic games and variations of them, `mdrnn` from "
+        "basic games. `objects` is given the true velocities, which the agent is not; `mdrnn` sees places alone, "
+        "remembers on the fly, and begins anew at each decision of a combined agent. Perfect, and motion (the true "
+        "velocities), show what this learner makes of knowing more; they are no bounds, for other columns exceed "
+        "them. SAC, and `objects` of PPO and A2C, were trained beside other work: their seconds are too many.",
         "results-paper": "# Results by the paper's settings\n\nSettings of the paper and of its code, with RLlib's "
         "defaults where that code sets nothing, in our trainer; below them the paper's own numbers. The docstring of "
         "`iphyre_jax/train/settings/presets.py` names what RLlib does otherwise. Above all it maps the times of DDPG "
