@@ -37,7 +37,11 @@ def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for on
     shape = getattr(key, "shape", ())
     if isinstance(key, jax.Array | jax.ShapeDtypeStruct) and jnp.issubdtype(dtype, jax.dtypes.prng_key):
         axes = len(shape)
-    elif isinstance(key, jax.Array | np.ndarray | jax.ShapeDtypeStruct) and dtype == np.uint32 and shape:
+    elif (
+        isinstance(key, jax.Array | np.ndarray | jax.ShapeDtypeStruct)
+        and dtype == np.uint32
+        and shape[-1:] == jax.eval_shape(lambda: jax.random.key_data(jax.random.key(0))).shape
+    ):
         axes = len(shape) - 1
     else:
         raise ValueError(f"key: expected a random key, such as jax.random.key(0), got {show(key)}")

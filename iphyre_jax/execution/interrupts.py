@@ -65,10 +65,13 @@ def watch() -> None:
 
 
 def check() -> None:
-    """Raise KeyboardInterrupt if the main thread has been interrupted and cannot see it; for callbacks, any thread."""
+    """Raise KeyboardInterrupt if the main thread has been interrupted and cannot see it; for callbacks, any thread.
+
+    Whose program calls is not known. So all are ended until the main thread goes on: to end the first alone could be to
+    end that of another thread.
+    """
     place = _state.place
     if place is not None and place == _main_place():
-        _state.place = None
         raise KeyboardInterrupt("Ctrl-C while a program called the host")
 
 

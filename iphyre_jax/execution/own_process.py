@@ -129,4 +129,7 @@ def _answer_in(line: bytes) -> dict[str, Any] | None:
 
 def import_path() -> str:
     """Return the PYTHONPATH with which a new process, in any folder, imports what this one does."""
-    return os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
+    entries = [entry for entry in sys.path if isinstance(entry, str)]  # import skips all others
+    with suppress(FileNotFoundError):  # the working folder may be gone
+        return os.pathsep.join(entry or str(Path.cwd()) for entry in entries)
+    return os.pathsep.join(filter(None, entries))

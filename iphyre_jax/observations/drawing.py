@@ -73,7 +73,7 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
     Returns:
         (size, size, 3) uint8; row 0 is the top, y = 0.
     """
-    drawing = jax.tree.map(lambda leaf: leaf if leaf.dtype == bool else leaf.astype(jnp.float32), drawing)
+    drawing = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), drawing)
     scale = SCREEN / size
     # The official picture has the point (x, y) in the middle of pixel (x, y).
     at = (jnp.arange(size, dtype=jnp.float32) + 0.5) * scale - 0.5
@@ -84,7 +84,7 @@ def draw(drawing: Drawing, size: int) -> jax.Array:
         picture = _paint(picture, inside * drawing.present[i], drawing.colour[i])
     for i in range(drawing.spokes.shape[0]):
         wide = jnp.where(drawing.spoke_length[i] > THICK_FROM, 2 * LINE, LINE)
-        line = canvas.capsule(drawing.spokes[i], wide) * (drawing.spoke_length[i] > 0)
+        line = canvas.capsule(drawing.spokes[i], wide) * (drawing.spoke_length[i] > 0).astype(jnp.float32)
         picture = _paint(picture, line, jnp.asarray(RADIUS_LINE, jnp.float32))
     link = jnp.asarray(LINK, jnp.float32)
     for ends, present in zip(drawing.joints, drawing.joint_present, strict=True):

@@ -54,7 +54,8 @@ def scene_features(scene: Scene) -> SceneFeatures:
     constants[:n_objects, 2] = scene.dynamic
     candidates = np.zeros((scene.limits.blocks, 2), np.float32)
     eliminable = list(scene.eliminable_blocks)
-    candidates[: len(eliminable)] = position[eliminable].astype(np.float32) / np.float32(SCREEN)
+    places = position[eliminable].astype(np.float32) / np.float32(SCREEN)
+    candidates[: len(eliminable)] = places.clip(0, 1)  # a block may lie outside the picture
     return SceneFeatures(
         position=position,
         ends=ends,

@@ -14,8 +14,7 @@ import numpy as np
 from iphyre_jax.checks import missing_extra, one_line
 from iphyre_jax.files import check_output, replacing
 from iphyre_jax.memory import check_memory
-from iphyre_jax.viewer.frames import Frame, Look, Recordings, frame_numbers, frames, still
-from iphyre_jax.viewer.recording import Recording
+from iphyre_jax.viewer.frames import Frame, Look, Recordings, check_recordings, frame_numbers, frames, still
 
 try:
     from PIL import Image
@@ -54,7 +53,7 @@ def save(
     """
     target = Path(path)
     check_output("path", target, SUFFIXES)
-    fps = plays.fps if isinstance(plays, Recording) else plays[0].fps if plays else 1
+    fps = check_recordings(plays)[0].fps
     with replacing(target) as part:
         if target.suffix.lower() == ".png":
             Image.fromarray(still(plays, look, titles, frame=frame)).save(part, optimize=True)

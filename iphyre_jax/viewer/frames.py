@@ -217,13 +217,13 @@ def frame_numbers(plays: Recordings, *, every: int = 1, hold: float = 1.0) -> li
     """Return the physics step that each frame of a film shows; arguments and errors are those of `frames`."""
     check_whole("every", every, 1, MAX_FRAME)
     check_least("hold", hold, 0, MAX_SECONDS, "seconds")
-    recordings = _recordings(plays)
+    recordings = check_recordings(plays)
     steps = max(recording.steps for recording in recordings)
     return [*range(0, steps, every), steps, *[steps] * round(hold * recordings[0].fps / every)]
 
 
-def _recordings(plays: Recordings) -> list[Recording]:
-    """Check plays."""
+def check_recordings(plays: Recordings) -> list[Recording]:
+    """Return plays as a list; ValueError in one line unless they are recordings of one frame rate."""
     if not isinstance(plays, Recording) and not is_list(plays):
         raise ValueError(f"plays: expected one or more recordings, got {show(plays)}")
     recordings = [plays] if isinstance(plays, Recording) else list(plays)
@@ -237,9 +237,11 @@ def _recordings(plays: Recordings) -> list[Recording]:
 
 def _cameras(plays: Recordings, look: Look | None, titles: Sequence[str] | None) -> list[Camera]:
     """Return a camera for each play."""
-    recordings = _recordings(plays)
+    recordings = check_recordings(plays)
     if look is not None:
         check_instance("look", look, Look, "a Look")
+    if titles is not None and (not is_list(titles) or not all(isinstance(title, str) for title in titles)):
+        raise ValueError(f"titles: expected a text for each play, got {show(titles)}")
     names = [None] * len(recordings) if titles is None else list(titles)
     if len(names) != len(recordings):
         raise ValueError(f"titles: expected {len(recordings)}, got {len(names)}")

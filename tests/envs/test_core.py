@@ -16,7 +16,7 @@ from iphyre_jax import load_scene, make
 from iphyre_jax.envs.batching.status import status_words
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.official import start_observation
+from iphyre_jax.observations.official import scene_features, start_observation
 from iphyre_jax.scenes.compile import compile_scene
 from tests.trees import assert_equal_trees
 
@@ -325,10 +325,25 @@ def test_a_game_that_is_none(backend: Any) -> None:
         assert_equal_trees(reset(jnp.int32(game), params), expected)
 
 
+def test_blocks_outside_the_picture_are_seen_at_its_edge() -> None:
+    hole = load_scene("hole")
+    blocks = np.array(hole.blocks)
+    blocks[list(hole.eliminable_blocks)[:2]] = [[[650, 300], [900, 300]], [[-300, 500], [-100, 500]]]
+    candidates = scene_features(replace(hole, name="outside", blocks=blocks)).candidates
+    np.testing.assert_array_equal(candidates[:2], np.array([[1, 0.5], [0, 500 / 600]], np.float32))
+
+
+def test_a_raw_key_of_another_length_is_no_key() -> None:
+    env, params = make("on-the-fly/support-v1")
+    with pytest.raises(ValueError, match=r"^key: expected a random key"):
+        env.reset(np.zeros(3, np.uint32), params)
+
+
 @pytest.mark.parametrize("backend", ["host", "xla"])
 @pytest.mark.parametrize("strategy", ["in-advance", "on-the-fly", "combined"])
-def test_no_number_is_promoted_unsaid(strategy: str, backend: Any) -> None:
-    env, params = make(f"{strategy}/support-v1", backend=backend)
+@pytest.mark.parametrize("observation", ["official", "image"])
+def test_no_number_is_promoted_unsaid(observation: Any, strategy: str, backend: Any) -> None:
+    env, params = make(f"{strategy}/spring-v1", observation=observation, backend=backend)
     with jax.numpy_dtype_promotion("strict"):
         state = jax.eval_shape(env.reset, jax.random.key(0), params)[1]
         action = env.action_space().sample(jax.random.key(0))

@@ -166,11 +166,16 @@ def test_wrong_films_get_one_line(solved: Recording, tmp_path: Path) -> None:
         ("a.avi", solved, None, "path: expected a file name that ends in"),
         ("no/a.png", solved, None, "path: expected a file in a folder that exists"),
         ("a.gif", [], None, "plays: expected at least one"),
+        ("a.png", 3, None, "plays: expected one or more recordings, got 3"),
+        ("a.png", [3], None, "plays: expected recordings, got 3"),
         ("a.gif", [solved, slow], None, "all at one frame rate"),
         ("a.mp4", solved, Look(size=101, captions=False), "expected even numbers of px"),
     ):
         with pytest.raises(ValueError, match=message):
             save(tmp_path / path, plays, look)
+    for titles in (3, [3]):
+        with pytest.raises(ValueError, match=r"^titles: expected a text for each play, got "):
+            save(tmp_path / "a.png", solved, titles=titles)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 

@@ -88,7 +88,7 @@ def read_entry(path: Path, key: Mapping[str, Any]) -> bytes | None:
             if _distrusted(os.fstat(file.fileno())) or file.readline() != MAGIC:
                 return None
             header, payload = json.loads(file.readline()), file.read()
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(header, dict) or header.get("key") != json.loads(_canonical(key)):
         return None

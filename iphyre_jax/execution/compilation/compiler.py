@@ -126,6 +126,7 @@ def compile_all(jobs: Sequence[Job], show: Callable[[int, int], None]) -> None:
                 process.compile(job, configuration.compile_timeout())
             except CompilationError:
                 if process.is_new or process.runs:
+                    process.end()
                     raise
                 continue  # it was idle and has just ended
             finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from iphyre_jax import Simulation, simulate, simulate_many
 from iphyre_jax.execution import configuration
 from iphyre_jax.execution.compilation import cache_folder, compiler, description, executables, worker
 from iphyre_jax.execution.compilation.cache_folder import machine_of, write_entry
+from iphyre_jax.execution.own_process import import_path
 from iphyre_jax.execution.programs import Score
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
@@ -208,6 +210,34 @@ def test_a_compiler_that_says_something_else_is_no_compiler(tmp_path: Path, monk
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(compiler.CompilationError, match=r"^the compiling process answered 'welcome'$"):
         compiler.CompilerProcess({})
+
+
+def test_a_compiler_that_refuses_a_program_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Refuses:
+        is_new = runs = True
+        ended = 0
+
+        def compile(self, *_: object) -> None:
+            raise compiler.CompilationError("the disk is full")
+
+        def end(self) -> None:
+            self.ended += 1
+
+    process = Refuses()
+    monkeypatch.setattr(compiler, "_processes", lambda options: iter([process]))
+    with pytest.raises(compiler.CompilationError, match=r"^the disk is full$"):
+        compiler.compile_all([compiler.Job(b"", Path("x"), {}, {})], lambda *_: None)
+    assert process.ended
+
+
+def test_a_new_process_imports_what_this_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    monkeypatch.setattr(sys, "path", ["", Path("/somewhere"), "/there"])  # import skips what is no text
+    assert import_path() == os.pathsep.join([str(gone), "/there"])
+    gone.rmdir()
+    assert import_path() == "/there"
 
 
 def test_without_a_folder_programs_are_compiled_and_not_kept(
