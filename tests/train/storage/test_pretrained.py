@@ -120,6 +120,18 @@ def test_greedy_episodes_on_the_fly_are_those_of_the_scores() -> None:
     assert reward == pytest.approx(shipped[GAMES[0]], abs=0.5)
 
 
+@pytest.mark.parametrize(
+    ("games", "message"),
+    [
+        ("hole", r"^games: expected a sequence of names of games, got 'hole'$"),
+        (["hole", "shelves.json"], r"^games: expected one of .*, got 'shelves\.json'$"),
+    ],
+)
+def test_scores_are_of_games_of_the_package(games: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_pretrained("ppo-i").evaluate(games)
+
+
 def test_other_observations_are_one_line() -> None:
     policy = load_pretrained("ppo-i")
     for obs in (np.zeros(120, np.float32), np.zeros((2, 122), np.float32)):
