@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -31,6 +32,12 @@ def key_of(seed: int) -> jax.Array:
     return jax.random.fold_in(jax.random.key(low), high) if high else jax.random.key(low)
 
 
+@cache
+def _raw_key_shape(impl: str) -> tuple[int, ...]:
+    """Return the shape of a key that is not typed, by the name of its generator. Worked out once: steps check keys."""
+    return jax.eval_shape(lambda: jax.random.key_data(jax.random.key(0, impl=impl))).shape
+
+
 def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for one
     """Refuse what is not one random key, typed or not; ValueError in one line."""
     dtype: Any = getattr(key, "dtype", None)
@@ -40,7 +47,7 @@ def check_key(key: Any) -> None:  # noqa: ANN401 - whatever the user took for on
     elif (
         isinstance(key, jax.Array | np.ndarray | jax.ShapeDtypeStruct)
         and dtype == np.uint32
-        and shape[-1:] == jax.eval_shape(lambda: jax.random.key_data(jax.random.key(0))).shape
+        and shape[-1:] == _raw_key_shape(jax.config.values["jax_default_prng_impl"])
     ):
         axes = len(shape) - 1
     else:

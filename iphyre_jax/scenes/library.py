@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, cast
 
-from iphyre_jax.checks import show
+from iphyre_jax.checks import check_option, is_list, show
 from iphyre_jax.files import parse_json
 from iphyre_jax.scenes.codec import check_object, scene_from_fields
 from iphyre_jax.scenes.files import read_scene
@@ -110,6 +110,13 @@ def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ..
     loaded = [load_scene(scene, limits) for scene in scenes]
     common = Limits.covering(scene.limits for scene in loaded)
     return tuple(load_scene(scene, common) for scene in loaded)
+
+
+def check_games(games: object) -> tuple[str, ...]:
+    """Return names of games of the package; ValueError in one line for anything else."""
+    if not is_list(games):
+        raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
+    return tuple(check_option("games", game, ALL_GAMES) for game in cast(Sequence[str], games))
 
 
 def looks_like_path(text: str) -> bool:

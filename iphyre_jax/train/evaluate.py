@@ -11,11 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.checks import check_option, is_list, show
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.scenes.library import SPLIT_OF
+from iphyre_jax.scenes.library import SPLIT_OF, check_games
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, rollout_collector
@@ -103,10 +102,7 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) 
     Raises:
         ValueError: there is no such game, or a number of the policy is not finite; one line that names its array.
     """
-    if not is_list(games):
-        raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
-    for game in games:
-        check_option("games", game, tuple(SPLIT_OF))
+    games = check_games(games)
     if name := not_finite(algorithm(config).inference_state(learner)):
         raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
     agent, episodes = algorithm(config), 1 + config.sampled_episodes

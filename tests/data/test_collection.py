@@ -173,9 +173,15 @@ def test_float32_plans_of_a_policy_have_the_labels_of_their_steps() -> None:
     plans = np.random.default_rng(0).choice(np.arange(1, 80) * 0.05, (40, 6)).astype(np.float32)
     plans[:, 4:] = 0
     made = collect(
-        ["hole"], successes=40, failures=40, distribution="policy", policy=lambda *_: iter(plans), rule="in_advance",
-        fps=10, max_draws=40,
-    )  # fmt: skip
+        ["hole"],
+        successes=40,
+        failures=40,
+        distribution="policy",
+        policy=lambda *_: iter(plans),
+        rule="in_advance",
+        fps=10,
+        max_draws=40,
+    )
     assert len(made) > 30
     assert not verify(made)
 

@@ -17,9 +17,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from iphyre_jax.checks import check_flag, check_option, check_whole, is_list, show
+from iphyre_jax.checks import check_flag, check_option, check_whole, show
 from iphyre_jax.data.audit import known_plays
 from iphyre_jax.data.collection import gather
 from iphyre_jax.data.dataset import Dataset, load_dataset, save_dataset, scene_sum
@@ -31,7 +31,7 @@ from iphyre_jax.data.recipe import Recipe, check_recipe
 from iphyre_jax.execution.compilation.cache_folder import default_folder
 from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES
+from iphyre_jax.scenes.library import ALL_GAMES, check_games
 
 SETS_VERSION: Final = 1  # of the definitions here
 FOLDER: Final = "datasets"  # in the cache folder
@@ -182,9 +182,7 @@ def named_set(
     check_option("name", name, NAMED_SETS)
     check_flag("sequences", sequences)
     scale = check_whole("scale", scale, 1, MOST_SCALE)
-    if games is not None and not is_list(games):
-        raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
-    only = None if games is None else tuple(_check_game(game) for game in games)
+    only = None if games is None else check_games(games)
     recipe = check_recipe(Recipe(protocol=_protocol(fps), sequences=sequences), [load_scene(GAMES[0])], 1, 1)
     return _Sets(_folder(folder), recipe.protocol.fps, sequences, scale, only, report).load(name)
 
@@ -192,10 +190,6 @@ def named_set(
 def _protocol(fps: int) -> PlayProtocol:
     """Return how plans are played at a rate: at that of the official environments as in them."""
     return PlayProtocol(fps, "in_advance", OFFICIAL_RESETS) if fps == OFFICIAL_FPS else PlayProtocol(fps)
-
-
-def _check_game(game: Any) -> str:  # noqa: ANN401
-    return check_option("games", game, ALL_GAMES)
 
 
 def _folder(folder: str | os.PathLike[str] | None) -> Path:

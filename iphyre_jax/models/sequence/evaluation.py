@@ -127,12 +127,12 @@ def randomly(protocol: PlayProtocol) -> Result:
 def nearest(learned: Dataset, protocol: PlayProtocol) -> Result:
     """Five solving plans of the most similar learned scene that has any: tables are compared number by number."""
     rows, solved = scene_rows(learned.scenes), np.isin(np.arange(len(learned.scenes)), learned.game[learned.success])
-    plans = {}
+    plans, times = {}, drawn_times(learned)
     for name in ALL_GAMES:
         away = np.square(rows - scene_rows([load_scene(name)])).sum(axis=(1, 2))
         nearest_one = np.where(solved, away, np.inf).argmin()  # at 10 steps a second nothing solves seesaw
         own = np.flatnonzero((learned.game == nearest_one) & learned.success)
-        plans[name] = drawn_times(learned)[np.resize(own, 5)]
+        plans[name] = times[np.resize(own, 5)]
     return _of_plans(plans, protocol)
 
 
