@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -32,7 +32,7 @@ def key_of(seed: int) -> jax.Array:
     return jax.random.fold_in(jax.random.key(low), high) if high else jax.random.key(low)
 
 
-@cache
+@lru_cache(16)
 def _raw_key_shape(impl: str) -> tuple[int, ...]:
     """Return the shape of a key that is not typed, by the name of its generator. Worked out once: steps check keys."""
     return jax.eval_shape(lambda: jax.random.key_data(jax.random.key(0, impl=impl))).shape
