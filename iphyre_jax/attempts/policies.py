@@ -11,7 +11,7 @@ import numpy as np
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
 from iphyre_jax.envs.arguments import key_of
-from iphyre_jax.scenes import GAMES
+from iphyre_jax.scenes import GAMES, SceneLike, load_scenes
 from iphyre_jax.train.algos.base import State, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, PolicyFn, rollout_collector
@@ -24,7 +24,7 @@ def policy_attempts(
     k: int = 5,
     *,
     greedy_first: bool = False,
-    games: Sequence[str] = GAMES,
+    games: Sequence[SceneLike] = GAMES,
     runs: int = 1,
     fps: int = 60,
     resets: int = 1,
@@ -37,7 +37,7 @@ def policy_attempts(
         learner: state of its algorithm.
         k: attempts.
         greedy_first: the first attempt is the greedy one, in every run.
-        games: names of games of the package.
+        games: names, scene files and scenes.
         runs: how often the k attempts are made.
         fps: physics steps a second, a multiple of 10; not only those of its training.
         resets: number of the reset.
@@ -48,13 +48,14 @@ def policy_attempts(
     """
     tries = check_whole("runs", runs) * check_whole("k", k, 1, MOST_ATTEMPTS)
     check_whole("seed", seed, 0, MAX_SEED)
+    scenes = load_scenes(games)
     played = replace(config, fps=whole_fps(fps), resets=check_resets(resets))
     agent = algorithm(played)
     policy: PolicyFn = partial(agent.sample_action, learner)
     if greedy_first:
-        policy = preferring_where(np.arange(len(games) * tries) % k == 0, agent.greedy_policy(learner), policy)
-    stats = rollout_collector(played, games).collect(policy, key_of(seed), tries)[1]
-    return attempts_of(stats, games, runs, k)
+        policy = preferring_where(np.arange(len(scenes) * tries) % k == 0, agent.greedy_policy(learner), policy)
+    stats = rollout_collector(played, scenes).collect(policy, key_of(seed), tries)[1]
+    return attempts_of(stats, [scene.name for scene in scenes], runs, k)
 
 
 def attempts_of(stats: EpisodeStats, games: Sequence[str], runs: int, k: int) -> Attempts:

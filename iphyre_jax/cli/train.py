@@ -22,15 +22,15 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
-from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.scenes.library import ALL_GAMES
+from iphyre_jax.scenes import GAMES, SPLITS, SceneLike
+from iphyre_jax.scenes.library import ALL_GAMES, load_own_scenes
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
-from iphyre_jax.train.evaluate import Evaluation, evaluate
+from iphyre_jax.train.evaluate import OWN, Evaluation, evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.printing import print_table, say
-from iphyre_jax.train.reports.report import COLUMNS, TITLES, split_rows
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, other_splits, split_rows
 from iphyre_jax.train.settings import old_names
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import pretrained, runs
@@ -42,7 +42,7 @@ CHOSEN_FIRST = {"agent": "ppo", "strategy": "in-advance", "preset": "default"}  
 
 @dataclass(frozen=True)
 class Train:
-    """Train an agent, evaluate it on the 40 games and write a run folder.
+    """Train an agent, evaluate it on the 40 games and the scene files that it was trained on, and write a run folder.
 
     --agent, --strategy and --preset decide the other defaults; add --help to see them.
     """
@@ -53,7 +53,7 @@ class Train:
     out: Path | None = None
     """The run folder, new or empty; by default a new one under runs/."""
     evaluate: bool = True
-    """Play the 40 games at the end."""
+    """Play the 40 games at the end, and the scene files that it was trained on."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Resume:
     checkpoint: str | None = None
     """Name of the checkpoint to continue from; by default the newest."""
     evaluate: bool = True
-    """Play the 40 games at the end."""
+    """As in `train`."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ class Evaluate:
     """Name of the checkpoint to evaluate; by default the newest."""
     unseen: bool = False
     """Play the ten unseen basic games too."""
+    scenes: tuple[Path, ...] = ()
+    """Play these scene files too, besides those that the run was trained on."""
     ensemble: tuple[Path, ...] = ()
     """Run folders of the same settings with other seeds: evaluate all policies as one, and write ensemble.json and
     ensemble.md instead."""
@@ -155,7 +157,8 @@ def _run(command: TrainingCommand, console: Console) -> int:
     if isinstance(command, Evaluate):
         config, state = _policy(command)
         check_writable(command.run, str(command.run))
-        games = ALL_GAMES if command.unseen else GAMES
+        runs.check_scenes(command.run, config)
+        games = _evaluated(config, command.unseen, command.scenes)
         if command.attempts is not None:
             check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
         _evaluate_and_report(command.run, config, state, games, console, command.ensemble)
@@ -167,6 +170,11 @@ def _run(command: TrainingCommand, console: Console) -> int:
     check_apart("bars", command.bars, "curves", command.curves)
     compare.report(command.runs, console, curves=command.curves, bars=command.bars)
     return 0
+
+
+def _evaluated(config: TrainConfig, unseen: bool = False, scenes: Sequence[Path] = ()) -> tuple[SceneLike, ...]:
+    """The games and scenes that a policy is evaluated on; those of one's own come last, see `evaluate`."""
+    return (*(ALL_GAMES if unseen else GAMES), *load_own_scenes(config.games), *scenes)
 
 
 def _others(config: TrainConfig) -> tuple[str, ...]:
@@ -183,7 +191,7 @@ def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> i
     if not evaluated:
         return 0
     config = runs.read_config(result.folder)
-    _evaluate_and_report(result.folder, config, result.state, GAMES, console)
+    _evaluate_and_report(result.folder, config, result.state, _evaluated(config), console)
     return 0
 
 
@@ -203,7 +211,7 @@ def _evaluate_and_report(
     folder: Path,
     config: TrainConfig,
     state: RunState,
-    games: Sequence[str],
+    games: Sequence[SceneLike],
     console: Console,
     others: Sequence[Path] = (),
 ) -> None:
@@ -217,7 +225,9 @@ def _evaluate_and_report(
     say(console, f"More in {(folder / written).with_suffix('.md')}")
 
 
-def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], count: int, console: Console) -> None:
+def _print_attempts(
+    config: TrainConfig, state: RunState, games: Sequence[SceneLike], count: int, console: Console
+) -> None:
     """Let the policy try each game `count` times, in five runs, and print the measures by split."""
     with console.status(f"{ATTEMPT_RUNS} runs of {count} attempts at {len(games)} games"):
         tried = policy_attempts(
@@ -236,9 +246,11 @@ def _print_attempts(config: TrainConfig, state: RunState, games: Sequence[str], 
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("", *columns):
         table.add_column(title, justify="right" if title else "left")
-    for split in (*COLUMNS, *(["unseen_basic"] if SPLITS["unseen_basic"][0] in tried.games else [])):
-        names = GAMES if split == "all" else SPLITS[split]
-        rows = [tried.games.index(name) for name in names]
+    own = [name for name in tried.games if name not in ALL_GAMES]
+    for split, names in {**SPLITS, "all": GAMES, OWN: own}.items():
+        rows = [tried.games.index(name) for name in names if name in tried.games]
+        if not rows:
+            continue
         shares = (curve[rows, 0], curve[rows, -1], auccess(curve[rows]))
         table.add_row(TITLES[split], *(f"{100 * share.mean():.1f}" for share in shares), f"{best[rows, -1].mean():.1f}")
     say(console, f"Attempts at {config.fps} fps, greedy first, then sampled; mean of {ATTEMPT_RUNS} runs")
@@ -269,9 +281,7 @@ def _print_splits(evaluation: Evaluation, config: TrainConfig, console: Console)
         table.add_row(row.name, *row.cells, style="bold" if row.ours else None)
     print_table(console, table)
     say(console, compare.RATES_OF_PAPER)
-    if "unseen_basic" in evaluation.splits:
-        for kind in ("greedy", "sampled"):
-            score = evaluation.mean(kind, "unseen_basic")
-            say(console, f"Unseen basic, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)")
+    for line in other_splits(evaluation):
+        say(console, line)
     if evaluation.faults:
         say(console, f"The physics failed in {evaluation.faults} episodes; they count as not solved.")

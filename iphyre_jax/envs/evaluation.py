@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,7 +22,7 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
 from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
-from iphyre_jax.scenes.library import ALL_GAMES, looks_like_path
+from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, looks_like_path
 
 _MOST_EPISODES = 1_000_000  # of each game
 
@@ -117,9 +116,7 @@ def evaluate(
     key = jax.random.key(0) if key is None else key
     check_key(key)
     scenes = load_scenes(_games(split), limits)
-    repeated = [name for name, count in Counter(scene.name for scene in scenes).items() if count > 1]
-    if repeated:
-        raise ValueError(f"split: expected scenes of different names, got {show(repeated[0])} twice")
+    check_names_differ("split", scenes)
     environment, params = environment_of(
         "evaluation",
         scenes,

@@ -1,6 +1,7 @@
 """The games of the package, and `load_scene`, which loads every kind of scene."""
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -112,11 +113,23 @@ def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ..
     return tuple(load_scene(scene, common) for scene in loaded)
 
 
+def load_own_scenes(scenes: Sequence[SceneLike]) -> tuple[Scene, ...]:
+    """Load those scenes that are no games of the package; a file may hold a game. Errors as of `load_scene`."""
+    return tuple(scene for scene in map(load_scene, dict.fromkeys(scenes)) if not is_game(scene))
+
+
 def check_games(games: object) -> tuple[str, ...]:
     """Return names of games of the package; ValueError in one line for anything else."""
     if not is_list(games):
         raise ValueError(f"games: expected a sequence of names of games, got {show(games)}")
     return tuple(check_option("games", game, ALL_GAMES) for game in cast(Sequence[str], games))
+
+
+def check_names_differ(argument: str, scenes: Sequence[Scene]) -> None:
+    """Refuse scenes of one name, whose scores could not be told apart: ValueError, one line."""
+    repeated = [name for name, count in Counter(scene.name for scene in scenes).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{argument}: expected scenes of different names, got {show(repeated[0])} twice")
 
 
 def looks_like_path(text: str) -> bool:

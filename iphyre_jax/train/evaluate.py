@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +13,9 @@ import numpy as np
 
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.scenes.library import SPLIT_OF, check_games
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scenes, scene_to_dict
+from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game
+from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, rollout_collector
@@ -25,6 +26,8 @@ SCHEMA = "iphyre_jax/evaluation"
 VERSION = 3
 READABLE = (2, 3)  # version 2 has older names of settings, and the same games
 MEANS = ("reward", "success", "eliminations", "seconds")
+OWN: Final = "own"  # the split of scenes that are no games of the package
+_FORTY: Final = tuple(split for split in SPLITS if split != "unseen_basic")
 SEED_STREAM = 1  # folded into the run's seed; training derives its keys from the same one, for draws of other shapes
 
 
@@ -49,10 +52,19 @@ class GameScore:
 
     game: str
     split: str
+    """Its split, or OWN."""
     greedy: Score
     sampled: Score
     plan: tuple[float | None, ...]
     """In advance: greedy elimination time of each eliminable block, s, or None if it stays. Else empty."""
+    scene: Scene | None = None
+    """The scene, if it is no game of the package."""
+
+    def to_json(self) -> dict[str, Any]:
+        """All fields as JSON values; of a game of the package without the scene."""
+        fields = asdict(replace(self, scene=None))
+        del fields["scene"]
+        return fields | ({} if self.scene is None else {"scene": scene_to_dict(self.scene)})
 
 
 @dataclass(frozen=True)
@@ -65,22 +77,24 @@ class Evaluation:
 
     @property
     def splits(self) -> tuple[str, ...]:
-        """The splits that occur, in the paper's order."""
-        return tuple(split for split in SPLITS if any(game.split == split for game in self.games))
+        """The splits that occur, in the paper's order, then OWN."""
+        return tuple(split for split in (*SPLITS, OWN) if any(game.split == split for game in self.games))
 
     def mean(self, kind: str, split: str = "all") -> Score:
         """Mean over the games of a split, or over the paper's forty for "all"; kind is "greedy" or "sampled"."""
-        chosen = [game for game in self.games if (game.game in GAMES if split == "all" else game.split == split)]
+        splits = _FORTY if split == "all" else (split,)
+        chosen = [game for game in self.games if game.split in splits]
         return _mean_score([getattr(game, kind) for game in chosen])
 
     def to_json(self) -> dict[str, Any]:
         """Games, split means and faults as JSON values."""
-        splits = [*self.splits, *(["all"] if set(GAMES) <= {game.game for game in self.games} else [])]
+        whole = sum(game.split in _FORTY for game in self.games) == len(GAMES)
+        splits = [*self.splits, *(["all"] if whole else [])]
         return {
             "schema": SCHEMA,
             "version": VERSION,
             "splits": {s: {kind: asdict(self.mean(kind, s)) for kind in ("greedy", "sampled")} for s in splits},
-            "games": [asdict(game) for game in self.games],
+            "games": [game.to_json() for game in self.games],
             "faults": self.faults,
         }
 
@@ -91,35 +105,42 @@ def _mean_score(scores: Sequence[Score]) -> Score:
     return Score(**means, episodes=sum(score.episodes for score in scores))
 
 
-def evaluate(config: TrainConfig, learner: State, games: Sequence[str] = GAMES) -> Evaluation:
+def evaluate(config: TrainConfig, learner: State, games: Sequence[SceneLike] = GAMES) -> Evaluation:
     """Play every game once greedily and `config.sampled_episodes` times with sampled actions.
+
+    The sampled actions of a game depend on its place among the games, not on those behind it.
 
     Args:
         config: of the run; it gives strategy, rate, resets, type and seed.
         learner: state of its algorithm.
-        games: names of games of the package.
+        games: names, scene files and scenes of official limits, each of another name.
 
     Raises:
-        ValueError: there is no such game, or a number of the policy is not finite; one line that names its array.
+        ValueError: a game cannot be played, or a number of the policy is not finite; one line that names its array.
+        OSError: a scene file cannot be read.
     """
-    games = check_games(games)
+    scenes = load_scenes(games)
+    check_names_differ("games", scenes)
+    if scenes[0].limits != OFFICIAL:  # as all are then
+        raise ValueError("games: expected scenes without limits of their own, for the networks' sizes")
     if name := not_finite(algorithm(config).inference_state(learner)):
         raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
     agent, episodes = algorithm(config), 1 + config.sampled_episodes
-    first = np.arange(len(games) * episodes) % episodes == 0
+    first = np.arange(len(scenes) * episodes) % episodes == 0
     policy = preferring_where(first, agent.greedy_policy(learner), partial(agent.sample_action, learner))
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
-    stats = rollout_collector(config, games).collect(policy, key, episodes)[1]
-    which, plans = np.repeat(np.arange(len(games)), episodes), _plans(config, learner, games)
+    stats = rollout_collector(config, scenes).collect(policy, key, episodes)[1]
+    which, plans = np.repeat(np.arange(len(scenes)), episodes), _plans(config, learner, scenes)
     scores = tuple(
         GameScore(
-            game=game,
-            split=SPLIT_OF[game],
+            game=scene.name,
+            split=SPLIT_OF[scene.name] if is_game(scene) else OWN,
             greedy=_score(stats, (which == index) & first),
             sampled=_score(stats, (which == index) & ~first),
             plan=plans[index],
+            scene=None if is_game(scene) else scene,
         )
-        for index, game in enumerate(games)
+        for index, scene in enumerate(scenes)
     )
     return Evaluation(scores, int((stats.fault != 0).sum()))
 
@@ -130,11 +151,11 @@ def _score(stats: EpisodeStats, chosen: np.ndarray[Any, np.dtype[np.bool_]]) -> 
     return Score(**means, episodes=int(chosen.sum()))
 
 
-def _plans(config: TrainConfig, learner: State, games: Sequence[str]) -> list[tuple[float | None, ...]]:
+def _plans(config: TrainConfig, learner: State, scenes: Sequence[Scene]) -> list[tuple[float | None, ...]]:
     """Greedy elimination times of each game's blocks, s, None for one that stays; empty unless in advance."""
     if config.strategy != "in-advance":
-        return [()] * len(games)
-    obs = jnp.asarray(observation_table(games))
+        return [()] * len(scenes)
+    obs = jnp.asarray(observation_table(scenes))
     times = action_to_times(np.asarray(algorithm(config).greedy(learner, obs)))
     steps, blocks = plan_to_steps(times, config.fps, "in_advance"), np.asarray(slot_mask(obs)).sum(axis=1)
     return [

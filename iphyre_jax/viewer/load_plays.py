@@ -13,7 +13,7 @@ from iphyre_jax.files import MAX_JSON_BYTES, parse_json, read_json_object
 from iphyre_jax.scenes import SCENE_SCHEMA, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.scenes.limits import MAX_NAME
-from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json
+from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from_json, read_scene_field
 
 BEST: Final = "best"
 ORACLE: Final = ("analyses", "oracle-60fps.json")  # data of the package
@@ -101,9 +101,10 @@ def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: i
     if not isinstance(fps, int) or isinstance(fps, bool) or any(s is not None and not 0 <= s < 1e6 for s in seconds):
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]
-    blocks = len(load_scene(game["game"]).eliminable_blocks)
+    scene = game.get("scene", game["game"])  # of a scene that is no game of the package
+    blocks = len(read_scene_field(scene, source).eliminable_blocks)
     agent = one_line(path.resolve().name).strip()[:MAX_NAME] or "run"
-    fields = {"schema": SCHEMA, "version": VERSION, "agent": agent, "scene": game["game"], "plan": plan[:blocks]}
+    fields = {"schema": SCHEMA, "version": VERSION, "agent": agent, "scene": scene, "plan": plan[:blocks]}
     physics = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
     return play_from_json(fields | physics, source)
 

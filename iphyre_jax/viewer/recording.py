@@ -19,9 +19,8 @@ from iphyre_jax.execution.plan_batch import contact_slots
 from iphyre_jax.memory import check_memory
 from iphyre_jax.rollouts import FAULT_OVERFLOW
 from iphyre_jax.rules import NEVER, TIME_LIMIT, episode_reward
-from iphyre_jax.scenes import Scene
+from iphyre_jax.scenes import Scene, SceneLike, load_scene
 from iphyre_jax.scenes.compile import step_timing, topology_of
-from iphyre_jax.scenes.scene import check_is_scene
 from iphyre_jax.viewer.record_program import Frames, RecordProgram
 
 Floats = npt.NDArray[np.floating[Any]]
@@ -115,7 +114,7 @@ class NotCompiledError(RuntimeError):
 
 
 def record(
-    scene: Scene,
+    scene: SceneLike,
     plan: npt.ArrayLike,
     *,
     fps: int = 60,
@@ -128,7 +127,7 @@ def record(
     Runs on the host and gives the same result as `simulate`; in float64 all bits are equal.
 
     Args:
-        scene: the scene to play.
+        scene: a game's name, the path of a scene file or a Scene.
         plan: (S,) integers, for each eliminable block the step before which it is removed, -1 for never; blocks without
             an entry stay.
         fps: physics steps a second, a whole number of at most 100,000, if the scene allows as many steps as 15 s take.
@@ -138,8 +137,10 @@ def record(
 
     Raises:
         ValueError: one line that names the argument and what was expected.
+        OSError: the scene file cannot be read.
         NotCompiledError: a program is missing and may not be compiled.
     """
+    scene = load_scene(scene)
     rate, steps = whole_fps(fps), _full_plan(scene, plan)
     dtype, resets = check_dtype(dtype), check_resets(resets)
     topology, world = cached_world(scene, resets, dtype)
@@ -173,7 +174,7 @@ def record_program(scene: Scene, *, fps: int = 60, dtype: str = "float64") -> Re
 
 def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     """Check a plan and return it with an entry for each eliminable block."""
-    blocks = len(check_is_scene("scene", scene).eliminable_blocks)
+    blocks = len(scene.eliminable_blocks)
     entries = check_integers("plan", plan, f"at most {blocks} integers", 1)
     if len(entries) > blocks:
         raise ValueError(f"plan: expected at most {blocks} integers, got {len(entries)}")

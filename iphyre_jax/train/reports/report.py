@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from iphyre_jax.paper import paper_numbers
-from iphyre_jax.train.evaluate import Evaluation
+from iphyre_jax.train.evaluate import OWN, Evaluation
 from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("basic", "noisy", "compositional", "multi_ball", "all")
@@ -18,6 +19,7 @@ TITLES = {
     "compositional": "Compos.",
     "multi_ball": "Multi-ball",
     "unseen_basic": "Unseen basic",
+    OWN: "Own scenes",
     "all": "All 40",
 }
 
@@ -32,7 +34,7 @@ class Row(NamedTuple):
 
 def training_name(config: TrainConfig) -> str:
     """The training games' name in results."""
-    return ", ".join(config.games) if config.games else f"{TITLES[config.split]} split"
+    return ", ".join(Path(game).name for game in config.games) if config.games else f"{TITLES[config.split]} split"
 
 
 def split_rows(evaluation: Evaluation) -> Iterator[Row]:
@@ -54,6 +56,14 @@ def split_rows(evaluation: Evaluation) -> Iterator[Row]:
 def _cell(reward: float, success: float) -> str:
     """Reward and success rate."""
     return f"{reward:.1f} {success:3.0f}%"
+
+
+def other_splits(evaluation: Evaluation) -> Iterator[str]:
+    """Lines for the splits that the table has no column for: unseen basic games and scenes of one's own."""
+    for split in evaluation.splits:
+        for kind in ("greedy", "sampled") if split not in COLUMNS else ():
+            score = evaluation.mean(kind, split)
+            yield f"{TITLES[split]}, {kind}: {score.reward:.1f} ({100 * score.success:.0f} %)"
 
 
 def seeds_cell(values: Sequence[float], factor: float = 1.0, digits: int = 1) -> str:
@@ -87,12 +97,14 @@ def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, An
         "unsound worlds": str(evaluation.faults),
         **{name: _fact(value) for name, value in facts.items()},
     }
+    others = list(other_splits(evaluation))
     by_split = [[row.name, *row.cells] for row in split_rows(evaluation)]
     parts = [
         "# Evaluation",
         markdown_table(["", "value"], [[name, value] for name, value in settings.items()]),
         "## By split: reward and success",
         markdown_table(["", *(TITLES[split] for split in COLUMNS)], by_split),
+        *(["\n".join(f"* {line}" for line in others)] if others else []),
         f"Paper: {paper['source']}. Protocol there: {paper['protocol']}. Ours: {config.fps} fps; rewards at different "
         "rates are not comparable.",
         "## By game",
@@ -114,7 +126,7 @@ def _game_table(evaluation: Evaluation) -> str:
     header = ["game", "split", "greedy", "solved", "sampled", "success %", "plan, s", "paper PPO-I", "paper Human"]
     rows = []
     for score in evaluation.games:
-        there = paper.get(score.game, {})
+        there = paper.get(score.game, {}) if score.split != OWN else {}
         rows.append(
             [
                 score.game,

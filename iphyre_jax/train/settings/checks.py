@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.scenes import SPLITS, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, hint
+from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, hint, load_own_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS, DQN, OffPolicy, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
@@ -67,6 +67,8 @@ def check_config(config: TrainConfig) -> None:
 def check_start(config: TrainConfig) -> None:
     """Refuse settings that run and do not learn what they say; older runs with such settings can still be read."""
     learner = config.learner
+    evaluated = [*map(load_scene, ALL_GAMES), *load_own_scenes(config.games)]
+    check_names_differ("games", evaluated)
     if config.scene_pool and config.pool_share < 1:
         expected = f"more, of which the games keep a group of {GROUP} beside a pool_share of {config.pool_share:g}"
         _require(config, "episodes_per_scene", config.pool_groups < config.groups, expected)

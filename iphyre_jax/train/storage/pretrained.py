@@ -25,7 +25,7 @@ import numpy as np
 
 from iphyre_jax.files import pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import provenance
-from iphyre_jax.scenes import GAMES
+from iphyre_jax.scenes import GAMES, SceneLike
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.evaluate import Evaluation, evaluate
@@ -82,7 +82,7 @@ class Pretrained:
         """A sampled action for each observation (B, D), as the agent plays to learn; errors as `greedy`."""
         return algorithm(self.config).sample_action(self.state, key, self._checked(observation)).action
 
-    def evaluate(self, games: Sequence[str] = GAMES) -> Evaluation:
+    def evaluate(self, games: Sequence[SceneLike] = GAMES) -> Evaluation:
         """Play games as the scores were played: once greedily, and with sampled actions; see `train.evaluate`."""
         return evaluate(self.config, self.state, games)
 

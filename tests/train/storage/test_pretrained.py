@@ -123,11 +123,11 @@ def test_greedy_episodes_on_the_fly_are_those_of_the_scores() -> None:
 @pytest.mark.parametrize(
     ("games", "message"),
     [
-        ("hole", r"^games: expected a sequence of names of games, got 'hole'$"),
-        (["hole", "shelves.json"], r"^games: expected one of .*, got 'shelves\.json'$"),
+        ("hole", r"^scenes: expected a sequence of at least one name, file or Scene$"),
+        (["hole", "holes"], r"^scene: expected the name of a game or the path of a scene file, got 'holes'"),
     ],
 )
-def test_scores_are_of_games_of_the_package(games: Any, message: str) -> None:
+def test_what_is_no_game_is_refused(games: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         load_pretrained("ppo-i").evaluate(games)
 

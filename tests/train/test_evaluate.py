@@ -1,0 +1,90 @@
+"""Evaluation of games and of scenes of one's own."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import pytest
+
+from iphyre_jax.cli import main as cli
+from iphyre_jax.cli import train as train_commands
+from iphyre_jax.scenes import Limits, Scene, load_scene, write_scene
+from iphyre_jax.train.algos.registry import init
+from iphyre_jax.train.evaluate import OWN, Evaluation, evaluate
+from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage import runs
+from iphyre_jax.viewer.load_plays import load_plays
+
+CONFIG = TrainConfig(games=("support",), hidden_sizes=(8,), sampled_episodes=4)
+STATE = init(CONFIG, jax.random.key(0))
+
+
+def own(game: str = "support", name: str = "mine") -> Scene:
+    """A game under another name: it plays alike, and is no game of the package."""
+    return replace(load_scene(game), name=name)
+
+
+def found(*games: str | Path | Scene) -> Evaluation:
+    return evaluate(CONFIG, STATE, games)
+
+
+def test_a_scene_of_ones_own_is_a_split_of_its_own(tmp_path: Path) -> None:
+    write_scene(own(), tmp_path / "mine.json")
+    game, unseen, mine = (together := found("support", "unseen_support", tmp_path / "mine.json")).games
+    assert (game.split, unseen.split, mine.split) == ("basic", "unseen_basic", OWN)
+    assert (mine.game, mine.greedy, mine.plan) == ("mine", game.greedy, game.plan)
+    assert together.splits == ("basic", "unseen_basic", OWN)
+    assert together.mean("sampled", OWN) == mine.sampled
+    assert together.mean("greedy") == game.greedy
+    assert found("support", "unseen_support").games == (game, unseen)  # scenes behind change no action
+    content = together.to_json()
+    assert ["scene" in one for one in content["games"]] == [False, False, True]
+    assert set(content["splits"]) == {"basic", "unseen_basic", OWN}
+
+
+def test_a_scene_with_the_name_of_a_game_is_not_that_game() -> None:
+    (game,) = found(own("hole", "support")).games
+    assert (game.game, game.split) == ("support", OWN)
+    with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'support' twice$"):
+        found("support", own("hole", "support"))
+
+
+def test_scenes_that_the_networks_have_no_room_for_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"^games: expected scenes without limits of their own, for the networks'"):
+        found("support", replace(own(), limits=Limits(20, 10)))
+
+
+def test_the_commands_evaluate_what_a_run_was_trained_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train_commands, "GAMES", ("support",))
+    monkeypatch.chdir(tmp_path)
+    write_scene(own(), "mine.json")
+    write_scene(own(name="other"), "other.json")
+    write_scene(load_scene("support"), "support.json")  # a file with a game of the package is that game
+    short = ["--preset", "quick", "--updates", "1", "--hidden-sizes", "8", "--out", "run"]
+    assert cli.run(["train", "--games", "mine.json", "support.json", *short]) == 0
+    assert [game["game"] for game in json.loads(Path("run", runs.EVALUATION).read_bytes())["games"]] == [
+        "support",
+        "mine",
+    ]
+    assert cli.run(["evaluate", "run", "--scenes", "other.json", "--attempts", "2"]) == 0
+    assert capsys.readouterr().out.count("Own scenes") == 5  # greedy, sampled; again; attempts
+    assert "| trained on | mine.json, support.json, 10 physics" in Path("run", "evaluation.md").read_text()
+    assert [(play.scene.name, play.scene == own()) for play in load_plays("run")] == [
+        ("support", False),
+        ("mine", True),
+        ("other", False),
+    ]
+    write_scene(own("hole"), "mine.json")
+    assert cli.run(["evaluate", "run"]) == 2
+    assert "games: expected the scene that the run began with" in capsys.readouterr().err
+
+
+def test_a_run_whose_scenes_cannot_be_told_apart_does_not_start(tmp_path: Path) -> None:
+    write_scene(own("hole", "support"), tmp_path / "one.json")
+    with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'support' twice$"):
+        replace(CONFIG, games=(str(tmp_path / "one.json"),)).check_start()
