@@ -183,7 +183,7 @@ def check_which(
     return index
 
 
-def cut(numbers: Any, least: int, most: int) -> Any:  # noqa: ANN401 - of NumPy or JAX
+def cut(numbers: Any, least: int = -(2**31), most: int = 2**31 - 1) -> Any:  # noqa: ANN401 - of NumPy or JAX
     """Return whole numbers of any type as int32, cut to bounds before they are narrowed."""
     return numbers.clip(max(least, 0) if numbers.dtype.kind == "u" else least, most).astype(np.int32)
 

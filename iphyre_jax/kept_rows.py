@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from iphyre_jax.checks import show
 from iphyre_jax.files import read_versioned, replace_json
-from iphyre_jax.provenance import provenance
+from iphyre_jax.provenance import differences, provenance
 
 SCHEMA: Final = "iphyre_jax/analysis-row"
 VERSION: Final = 1
@@ -54,7 +54,7 @@ def read_row(file: Path, settings: Mapping[str, Any] | None = None) -> Row:
         raise ValueError(f"{file}: row: expected an object, got {show(row)}")
     found = content.get("settings")
     if settings is not None and found != dict(settings):
-        raise ValueError(f"{file}: settings: expected {dict(settings)}, got {found}; remove the file")
+        raise ValueError(f"{file}: settings: expected others: {differences(found, settings)}; remove the file")
     return row
 
 

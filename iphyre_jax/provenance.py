@@ -1,4 +1,4 @@
-"""Where a result comes from: versions, device, commit."""
+"""Where a result comes from: versions, device, commit; and in which settings two results differ, in words."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import jax
 
 import iphyre_jax
+from iphyre_jax.checks import one_line, show
 from iphyre_jax.execution.configuration import usable_cores
 
 CORE = ("jax", "jaxlib", "numpy")  # packages that decide a result of the simulator
 PACKAGES = (*CORE, "flax", "optax", "orbax-checkpoint")  # of an agent
+
+_MOST: Final = 3  # settings that a message names
+_MOST_SHOWN: Final = 40  # characters of a value
 
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
@@ -83,3 +87,38 @@ def _git(source: Path, *arguments: str) -> str | None:
     command = [git, "-C", str(source.parent), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own arguments
     return done.stdout.strip() if done.returncode == 0 else None
+
+
+def flat(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings, those of objects within under their own names: no two are alike."""
+    out: dict[str, Any] = {}
+    for key, value in settings.items():
+        out |= flat(value) if isinstance(value, Mapping) else {key: value}
+    return out
+
+
+def in_words(value: object) -> str:
+    """A setting as it is given on the command line: the entries of a list with blanks between them, or "none"."""
+    if isinstance(value, list | tuple):
+        return " ".join(map(in_words, value)) or "none"
+    return "none" if value in (None, "") else value if isinstance(value, str) else show(value)
+
+
+def differences(found: object, wanted: Mapping[str, Any]) -> str:
+    """How settings that were found differ from those that are wanted: "fps 10, not 60; seed 1, not 0"."""
+    if not isinstance(found, Mapping):
+        return show(found)
+    one, other = flat(found), flat(wanted)
+    names = [name for name in {**one, **other} if _plain(one.get(name)) != _plain(other.get(name))]
+    parts = [f"{name} {_short(one.get(name))}, not {_short(other.get(name))}" for name in names]
+    return "; ".join([*parts[:_MOST], *([f"and {len(parts) - _MOST} more"] if len(parts) > _MOST else [])])
+
+
+def _short(value: object) -> str:
+    text = one_line(in_words(value))
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
+def _plain(value: object) -> object:
+    """A value as JSON keeps it."""
+    return list(map(_plain, value)) if isinstance(value, list | tuple) else value

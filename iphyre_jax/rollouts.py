@@ -18,7 +18,6 @@ from iphyre_jax.physics.types import State, Timing, Topology, World, check_parts
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.rules import GOAL_Y
 
-_INT32 = np.iinfo(np.int32).min, np.iinfo(np.int32).max
 FAULT_OVERFLOW = 1  # more contact points at once than the topology has slots
 FAULT_NOT_FINITE = 2  # a position or velocity is infinite or not a number
 
@@ -137,7 +136,7 @@ def _checked_plan(topology: Topology, plan: jax.Array, steps: jax.Array | int) -
             raise ValueError(f"steps: expected one whole number, got {show(steps)}")
         check_whole("steps", steps, 0, topology.max_steps)
     if plan.dtype != np.int32 and plan.dtype.itemsize >= np.dtype(np.int32).itemsize:
-        plan = cut(plan, *_INT32)
+        plan = cut(plan)
     return jnp.asarray(plan, jnp.int32)
 
 

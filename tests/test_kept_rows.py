@@ -21,7 +21,7 @@ def test_a_row_is_computed_once(tmp_path: Path) -> None:
 
 def test_rows_of_other_settings_and_other_files_are_refused(tmp_path: Path) -> None:
     kept_row(tmp_path, "a", {"seed": 0}, lambda: {"value": 1})
-    with pytest.raises(ValueError, match=r"a\.json: settings: expected {'seed': 1}, got {'seed': 0}; remove the file$"):
+    with pytest.raises(ValueError, match=r"a\.json: settings: expected others: seed 0, not 1; remove the file$"):
         kept_row(tmp_path, "a", {"seed": 1}, lambda: {"value": 1})
     (tmp_path / "b.json").write_text('{"schema": "x"}')
     with pytest.raises(ValueError, match=r"b\.json: expected schema \"iphyre_jax/analysis-row\", version 1, got 'x'$"):

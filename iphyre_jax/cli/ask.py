@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from iphyre_jax.agents.language import endpoints, report, runs, transcripts
+from iphyre_jax.agents.language import dialects, endpoints, report, runs, transcripts
 from iphyre_jax.agents.language.answers import Live, Replay
 from iphyre_jax.agents.language.calls import CallFailedError, CallSettings
 from iphyre_jax.agents.language.prompts import Base, Shown, Strategy
@@ -122,6 +122,7 @@ def _live(command: Ask, settings: RunSettings, console: Console) -> None:
     """Ask a model."""
     endpoint = endpoints.from_environment(os.environ)
     endpoint.check(settings.call)
+    dialects.package(endpoint.kind)
     caps = Caps(command.max_questions, command.max_tokens_in_all)
     tries = settings.samples * settings.attempts * len(settings.games)
     say(

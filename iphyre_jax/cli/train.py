@@ -32,19 +32,20 @@ from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, other_splits, split_rows
 from iphyre_jax.train.settings import old_names
+from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.train.trainer import RunState
 
 ATTEMPT_RUNS = 5  # of `evaluate --attempts`
-CHOSEN_FIRST = {"agent": "ppo", "strategy": "in-advance", "preset": "default"}  # they decide the other defaults
+CHOSEN_FIRST = {"agent": "ppo", "strategy": None, "preset": "default"}  # they decide the other defaults
 
 
 @dataclass(frozen=True)
 class Train:
     """Train an agent, evaluate it on the 40 games and the scene files that it was trained on, and write a run folder.
 
-    --agent, --strategy and --preset decide the other defaults; add --help to see them.
+    The options --agent, --strategy and --preset decide the other defaults; add --help to see them.
     """
 
     config: Annotated[TrainConfig, tyro.conf.OmitArgPrefixes, tyro.conf.AvoidSubcommands] = field(
@@ -115,7 +116,8 @@ def defaults(arguments: Sequence[str]) -> Train:
         known, _ = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:  # an option without its value: the real parser reports it
         return Train()
-    return Train(preset(known.agent, known.strategy, known.preset))
+    strategies = AGENTS[known.agent].strategies if known.agent in AGENTS else ("in-advance",)
+    return Train(preset(known.agent, known.strategy or strategies[0], known.preset))
 
 
 def renamed(arguments: Sequence[str]) -> list[str]:
@@ -155,12 +157,12 @@ def _run(command: TrainingCommand, console: Console) -> int:
         with compiled_ahead(config, _others(config) if command.evaluate else ()):
             return _finish(loop.resume(command.run, console, command.checkpoint), console, command.evaluate)
     if isinstance(command, Evaluate):
+        if command.attempts is not None:
+            check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
         config, state = _policy(command)
         check_writable(command.run, str(command.run))
         runs.check_scenes(command.run, config)
         games = _evaluated(config, command.unseen, command.scenes)
-        if command.attempts is not None:
-            check_whole("attempts", command.attempts, 1, MOST_ATTEMPTS)
         _evaluate_and_report(command.run, config, state, games, console, command.ensemble)
         if command.attempts is not None:
             _print_attempts(config, state, games, command.attempts, console)

@@ -22,7 +22,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.files import pack_npz, read_json_object, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.memory import forget_programs
 from iphyre_jax.models.settings import S, settings_of
-from iphyre_jax.provenance import provenance
+from iphyre_jax.provenance import differences, provenance
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.runs import publish
 from iphyre_jax.train.storage.weights import restored, verify_sum
@@ -85,7 +85,8 @@ class RunFolders(Generic[S]):
             content = read_json_object(folder / CONFIG)
             for field, value in found.items():
                 if content.get(field, value if field in learned else None) != value:
-                    raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, found others; remove it")
+                    other = differences({field: content.get(field)}, {field: value})
+                    raise ValueError(f"{folder / CONFIG}: {field}: expected those of this run, got {other}; remove it")
             return
         folder.mkdir(parents=True, exist_ok=True)
         replace_json(folder / CONFIG, {"schema": self.schema, "version": VERSION, **found, **provenance()})

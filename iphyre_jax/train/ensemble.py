@@ -13,6 +13,7 @@ from typing import Final
 
 import jax.numpy as jnp
 
+from iphyre_jax.provenance import differences
 from iphyre_jax.train.algos.actor_critic import State
 from iphyre_jax.train.algos.networks import NOTHING
 from iphyre_jax.train.settings.agents import HeadName
@@ -44,6 +45,7 @@ def ensemble(configs: Sequence[TrainConfig], states: Sequence[State]) -> State:
         raise ValueError(f"ensemble: expected {expected}, got {first.agent} with {first.head}")
     for config in configs[1:]:
         if replace(config, seed=first.seed) != first:
-            raise ValueError(f"ensemble: expected policies that differ in their seeds only, got {config.agent_name}")
+            found = differences(replace(config, seed=first.seed).to_json(), first.to_json())
+            raise ValueError(f"ensemble: expected policies that differ in their seeds only, got {found}")
     members = tuple(state.params["policy"] for state in states)
     return State({"members": members}, NOTHING, jnp.zeros((), jnp.int32))

@@ -41,15 +41,17 @@ def each_play(source: str | Path) -> Iterator[Play]:
     if not isinstance(source, str | Path) or "\0" in str(source):
         raise ValueError(f"source: expected a file of plays, a run folder or {BEST}, got {show(source)}")
     path = Path(source)
-    _refuse_scene(str(source), path)
+    _refuse_others(str(source), path)
     yield from _plays_of_run(path) if path.is_dir() else iter_plays(path, required=True)
 
 
-def _refuse_scene(source: str, path: Path) -> None:
-    """Say what draws a scene, if that is what was given instead of plays; ValueError in one line."""
+def _refuse_others(source: str, path: Path) -> None:
+    """Say what takes a scene or a data set, if that is what was given instead of plays; ValueError in one line."""
     name, wanted = one_line(source), "expected a file of plays (JSON lines), a run folder or best"
     if not path.exists() and source in ALL_GAMES:
         raise ValueError(f"{name}: {wanted}, got a game; `iphyre-jax render {name}` draws it")
+    if path.suffix.lower() == ".npz" and path.is_file():
+        raise ValueError(f"{name}: {wanted}, got arrays; `iphyre_jax.data` reads data sets")
     if path.suffix.lower() != ".json" or not path.is_file():
         return
     with path.open("rb") as file:

@@ -69,7 +69,7 @@ def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
         (["train", "--fps", "25"], "fps: expected a multiple of 10"),
         (["train", "--split", "advanced"], "split: expected one of"),
         (["train", "--updates", "0"], "updates: expected at least 1"),
-        (["train", "--agent", "dqn"], "agent, strategy: expected one of ppo in-advance"),
+        (["train", "--agent", "dqn", "--strategy", "combined"], "agent, strategy: expected one of ppo in-advance"),
         (["train", "--agent", "td3"], "agent, strategy: expected one of ppo in-advance"),
         (["train", "--preset", "best"], "preset: expected one of default, quick, paper, got 'best'"),
         (["evaluate", "no-such-folder"], "no-such-folder: not a run folder"),

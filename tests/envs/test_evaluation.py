@@ -101,6 +101,8 @@ def test_actions_outside_their_space_are_not_scored() -> None:
         evaluate(seconds, "support", strategy="in-advance")
     with pytest.raises(ValueError, match=r"^policy: expected actions from 0 to 6, got 99 in decision 1 of support$"):
         evaluate(unknown, "support", strategy="on-the-fly")
+    with pytest.raises(ValueError, match="expected actions from 0 to 6, got 99 "):
+        evaluate(lambda key, obs: jnp.int64(99), "support", strategy="on-the-fly", dtype="float64")
 
 
 def test_five_values_under_scan() -> None:

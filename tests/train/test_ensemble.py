@@ -67,7 +67,7 @@ def test_what_cannot_be_one_policy_is_refused() -> None:
         ensemble(CONFIGS, states[:2])
     other = replace(CONFIGS[1], hidden_sizes=(16,))
     with pytest.raises(
-        ValueError, match=r"^ensemble: expected policies that differ in their seeds only, got PPO in-adv"
+        ValueError, match=r"^ensemble: expected policies that differ in their seeds only, got hidden_sizes 16, not 8$"
     ):
         ensemble((CONFIGS[0], other), states[:2])
     with pytest.raises(ValueError, match=re.escape("ensemble: expected ppo or a2c with one of the heads time_grid,")):

@@ -8,6 +8,7 @@ from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from iphyre_jax import Limits, SceneBuilder, load_scene
@@ -257,6 +258,7 @@ def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsy
         (["replay", "best", "-o", "/"], "out: expected the name of a file, got the folder '/'"),
         (["replay", "best", "--games", "hole", "nothing"], "games: expected games with plays in the sources, got noth"),
         (["render", "", "-o", "a.png"], "scene: expected "),
+        (["render", "best", "--split", "foo", "-o", "a.png"], "split: expected one of basic, noisy, "),
         (["render", "hole", "--hold", "100", "-o", "a.gif"], "hold: expected "),
         (["replay", "best", "--games", "nothing"], "games: expected games with plays"),
         (["evaluate", "none.jsonl"], "none.jsonl: not a run folder"),
@@ -297,3 +299,11 @@ def test_a_missing_extra_gets_one_line(
     printed = capsys.readouterr().err
     assert "this command needs the extra 'viewer' (PIL is missing)" in printed
     assert printed.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [["render", "-o", "a.png"], ["replay"], ["score"]])
+def test_a_data_set_is_no_file_of_plays(command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.savez(tmp_path / "set.npz", game=np.zeros(1))
+    with chdir(tmp_path):
+        assert run([command[0], "set.npz", *command[1:]]) == 2
+    assert "set.npz: expected a file of plays (JSON lines), a run folder or best, got arrays" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import importlib
 import ipaddress
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -39,12 +40,17 @@ def is_local(host: str) -> bool:
         return False
 
 
-def _openai(endpoint: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Callable[[], Answer]:
-    """A call of chat completions."""
+def package(kind: str) -> Any:  # noqa: ANN401 - a module
+    """Import the package of a kind of endpoint, which has its name; ModuleNotFoundError, one line, without `llm`."""
     try:
-        import openai
+        return importlib.import_module(kind)
     except ModuleNotFoundError as error:
         raise missing_extra("this endpoint", "llm", error.name) from None
+
+
+def _openai(endpoint: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Callable[[], Answer]:
+    """A call of chat completions."""
+    openai = package("openai")
     chat: Any = [{"role": message.role, "content": _openai_content(message)} for message in conversation]
     if settings.completion_tokens:
         limits: dict[str, Any] = {"max_completion_tokens": settings.max_tokens}
@@ -67,10 +73,7 @@ def _openai(endpoint: Endpoint, conversation: Sequence[Message], settings: CallS
 
 def _anthropic(endpoint: Endpoint, conversation: Sequence[Message], settings: CallSettings) -> Callable[[], Answer]:
     """A call of messages."""
-    try:
-        import anthropic
-    except ModuleNotFoundError as error:
-        raise missing_extra("this endpoint", "llm", error.name) from None
+    anthropic = package("anthropic")
     system = "\n".join(message.text for message in conversation if message.role == "system")
     chat: Any = [
         {"role": message.role, "content": _anthropic_content(message)}

@@ -20,6 +20,7 @@ from iphyre_jax.analyses.orders import executed_order
 from iphyre_jax.attempts.protocol import Attempts, attempts
 from iphyre_jax.files import read_versioned, replace_json
 from iphyre_jax.plans import plan_to_steps
+from iphyre_jax.provenance import differences
 
 SCHEMA: Final = "iphyre_jax/ask-run"
 VERSION: Final = 1
@@ -105,6 +106,7 @@ def check_folder(folder: Path, settings: RunSettings, model: Mapping[str, str]) 
         replace_json(file, content)
         return
     found = read_versioned(file, SCHEMA, (VERSION,))
-    for name in ("settings", "model"):
-        if found.get(name) != content[name]:
-            raise ValueError(f"{file}: {name}: expected those of this run, got others; choose another folder")
+    for name, wanted in (("settings", settings.to_json()), ("model", model)):
+        if found.get(name) != wanted:
+            other = differences(found.get(name), wanted)
+            raise ValueError(f"{file}: {name}: expected those of this run, got {other}; choose another folder")

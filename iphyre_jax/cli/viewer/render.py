@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 from rich.console import Console
 
-from iphyre_jax.checks import check_least
+from iphyre_jax.checks import check_least, check_option
 from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
@@ -98,9 +98,11 @@ def render(command: Render, console: Console) -> None:
     from iphyre_jax.viewer.frames import MAX_SECONDS
     from iphyre_jax.viewer.sheets import contact_sheet, start_of
 
+    if command.split is not None:
+        check_option("split", command.split, tuple(SPLITS))
     what, frame = command.what, -1 if command.frame is None else command.frame
     starts = GAMES if what == "all" else SPLITS.get(what)
-    of_plays = what == BEST or what.endswith(".jsonl") or (what != "" and Path(what).is_dir()) or _has_plays(what)
+    of_plays = what == BEST or what.endswith((".jsonl", ".npz")) or _has_plays(what)
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
     is_sheet = shown in ("sheet", "plays")
     check_output("out", command.out, (".png",) if is_sheet else SUFFIXES)
@@ -136,8 +138,9 @@ def render(command: Render, console: Console) -> None:
 
 
 def _has_plays(what: str) -> bool:
-    """Return whether this is a file of plays, of whatever name; the names of games come first."""
-    return what not in ALL_GAMES and Path(what).is_file() and holds_plays(Path(what))
+    """Return whether this is a folder, or a file of plays of whatever name; the names of games come first."""
+    path = Path(what)
+    return what not in ("", *ALL_GAMES) and (path.is_dir() or (path.is_file() and holds_plays(path)))
 
 
 def _frame_look(command: Render, size: int) -> Look:

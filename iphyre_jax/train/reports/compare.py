@@ -17,6 +17,7 @@ from rich.table import Table
 from iphyre_jax.checks import check_least, show
 from iphyre_jax.files import read_versioned
 from iphyre_jax.paper import paper_numbers
+from iphyre_jax.provenance import flat, in_words
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
 from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
@@ -79,24 +80,16 @@ class Row:
 def names(agents: Sequence[Row]) -> list[str]:
     """The names of rows; of equal ones, each with the settings in which they differ."""
     found = [row.name for row in agents]
-    settings = [_flat(row.config.to_json()) for row in agents]
+    settings = [flat(row.config.to_json()) for row in agents]
     for name in set(found):
         alike = [k for k, one in enumerate(found) if one == name]
         keys = dict.fromkeys(key for k in alike for key in settings[k] if key != "seed")
         differing = [key for key in keys if len({repr(settings[k].get(key)) for k in alike}) > 1]
         for k in alike if len(alike) > 1 else ():
-            shown = ((key, str(settings[k].get(key))) for key in differing)
+            shown = ((key, in_words(settings[k].get(key))) for key in differing)
             shorter = (f"{key} {value[:8] if key.endswith('_sha256') else value}" for key, value in shown)
             found[k] = ", ".join([name, *shorter])
     return found
-
-
-def _flat(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, those of objects within under their own names: no two are alike."""
-    out: dict[str, Any] = {}
-    for key, value in settings.items():
-        out |= _flat(value) if isinstance(value, Mapping) else {key: value}
-    return out
 
 
 def read(path: Path) -> Evaluated:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type_hints
@@ -38,6 +38,16 @@ _MOST: Final[Mapping[str, int]] = MappingProxyType(
 )
 
 
+# What other settings need to have an effect; whether a run has it; the settings, of the run or its learner.
+_NEEDS: Final[tuple[tuple[str, Callable[[TrainConfig], bool], tuple[str, ...]], ...]] = (
+    ("variations", lambda run: run.variations > 0, ("added_blocks",)),
+    ("a scene_pool", lambda run: run.scene_pool != "", ("pool_scenes", "pool_share", "curriculum", "pool_topologies")),
+    ("the network mlp", lambda run: run.network == "mlp", ("center_obs", "activation")),
+    ("a critic", lambda run: getattr(run.learner, "critic", True), ("vf_coef", "value_clip")),
+    ("a kl_coef", lambda run: getattr(run.learner, "kl_coef", 1) > 0, ("kl_target",)),
+)
+
+
 def check_config(config: TrainConfig) -> None:
     """Refuse settings that cannot work: ValueError, one line naming the field and what was expected."""
     _check_choices(config)
@@ -64,9 +74,20 @@ def check_config(config: TrainConfig) -> None:
     _check_learner(config)
 
 
-def check_start(config: TrainConfig) -> None:
-    """Refuse settings that run and do not learn what they say; older runs with such settings can still be read."""
+def check_start(config: TrainConfig, base: TrainConfig) -> None:
+    """Refuse settings that run and do not learn what they say; older runs with such settings can still be read.
+
+    Args:
+        config: checked by `check_config`.
+        base: its preset.
+    """
     learner = config.learner
+    _require(config, "split", not config.games or config.split == base.split, "none beside games")
+    for needed, present, names in _NEEDS:
+        for name in names if not present(config) else ():
+            of, default = (config, base) if hasattr(config, name) else (learner, base.learner)
+            unused = getattr(of, name, None) == getattr(default, name, None)
+            _require(of, name, unused, f"none without {needed}, as nothing would read it")
     evaluated = [*map(load_scene, ALL_GAMES), *load_own_scenes(config.games)]
     check_names_differ("games", evaluated)
     if config.scene_pool and config.pool_share < 1:

@@ -21,7 +21,7 @@ STRATEGY_LETTERS: Final = MappingProxyType({"in-advance": "I", "on-the-fly": "O"
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """The settings of a training run; the defaults are those of `preset("ppo", "in-advance", "quick")`."""
+    """The settings of a training run. In Python, `TrainConfig()` is `preset("ppo", "in-advance", "quick")`."""
 
     agent: AgentName = "ppo"
     """Algorithm; "random" learns nothing and serves for comparison."""
@@ -147,7 +147,7 @@ class TrainConfig:
             ValueError: one line naming the field and what was expected.
         """
         check_config(self)
-        check_start(self)
+        check_start(self, preset(self.agent, self.strategy, self.preset))
 
     @property
     def training_games(self) -> tuple[str, ...]:

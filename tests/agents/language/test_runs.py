@@ -279,9 +279,12 @@ def test_a_folder_holds_one_run(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     runs.check_folder(folder, SETTINGS, MODEL)
     runs.check_folder(folder, SETTINGS, MODEL)
-    with pytest.raises(ValueError, match=r"run.json: settings: expected those of this run, got others"):
+    with pytest.raises(
+        ValueError,
+        match=r"settings: expected those of this run, got attempts 2, not 3; choose another",
+    ):
         runs.check_folder(folder, RunSettings(games=("support",), attempts=3), MODEL)
-    with pytest.raises(ValueError, match=r"run.json: model: expected those of this run"):
+    with pytest.raises(ValueError, match=r"model: expected those of this run, got model .*, not other; choose"):
         runs.check_folder(folder, SETTINGS, {**MODEL, "model": "other"})
     assert json.loads((folder / "run.json").read_text())["settings"]["prompt"]["hash"] == SETTINGS.asked.hash
 

@@ -11,7 +11,8 @@ import pytest
 from iphyre_jax import SPLITS
 from iphyre_jax.train.settings.agents import DDPG, DQN, PPO
 from iphyre_jax.train.settings.codec import config_from_json
-from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.settings.presets import AGENTS
+from iphyre_jax.train.settings.run import TrainConfig, preset
 
 FLY: dict[str, Any] = {"strategy": "on-the-fly", "head": "categorical"}
 DDPG_I: dict[str, Any] = {"agent": "ddpg", "head": "deterministic"}
@@ -181,3 +182,33 @@ def test_bad_json_names_the_file(values: object, message: str) -> None:
 def test_settings_cannot_change() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         TrainConfig().seed = 1  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"games": ("hole",), "split": "noisy"}, "split: expected none beside games, got 'noisy'"),
+        ({"added_blocks": 2}, "added_blocks: expected none without variations, as nothing would read it, got 2"),
+        ({"pool_share": 0.3}, "pool_share: expected none without a scene_pool, as nothing would read it, got 0.3"),
+        ({"curriculum": "uniform"}, "curriculum: expected none without a scene_pool, as nothing would read it"),
+        (
+            {"network": "objects", "activation": "relu"},
+            "activation: expected none without the network mlp, as nothing would read it, got 'relu'",
+        ),
+        ({"learner": PPO(vf_coef=0.1)}, "vf_coef: expected none without a critic, as nothing would read it, got 0.1"),
+        ({"learner": PPO(kl_target=0.1)}, "kl_target: expected none without a kl_coef, as nothing would read it"),
+    ],
+)
+def test_a_setting_that_nothing_reads_is_refused(settings: dict[str, Any], message: str) -> None:
+    """Runs of earlier versions with such settings can be read."""
+    config = TrainConfig(**settings)
+    config.check()
+    with pytest.raises(ValueError) as caught:
+        config.check_start()
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(("agent", "strategy"), [(a, s) for a, spec in AGENTS.items() for s in spec.strategies])
+def test_every_preset_can_start(agent: Any, strategy: Any) -> None:
+    for name in ("default", "quick", "paper"):
+        preset(agent, strategy, name).check_start()
