@@ -8,7 +8,7 @@ The worlds of all runs are one batch. Needs the extra `train`.
 from __future__ import annotations
 
 import jax
-from ppo_loop import make_train
+from reinforce_loop import make_train
 
 import iphyre_jax
 

@@ -28,6 +28,7 @@ from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
+from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.simulation import simulate
 from iphyre_jax.train.reports.printing import print_table, say
@@ -129,11 +130,14 @@ def _verify_pretrained(command: VerifyPretrained, console: Console) -> int:
 def _simulate(command: Simulate, console: Console) -> None:
     """`iphyre-jax simulate`."""
     scene = load_scene(command.scene)
-    steps = plan_to_steps(parse_plan(command.plan, scene), command.fps, command.rule)
+    plan = parse_plan(command.plan, scene)
+    steps = plan_to_steps(plan, command.fps, command.rule)
     played = simulate(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
-    for block, step in zip(scene.eliminable_blocks, steps[0].tolist(), strict=True):
+    for block, second, step in zip(scene.eliminable_blocks, plan[0].tolist(), steps[0].tolist(), strict=True):
         when = f"before step {step} ({step / command.fps:.3f} s)" if step >= 0 else "never"
-        say(console, f"block {block}: {when}")
+        is_lost = step < 0 and not np.isnan(second)
+        why = f", as removals come after 0 s and within {TIME_LIMIT:g} s" if is_lost else ""
+        say(console, f"block {block}: {when}{why}")
     solved = "solved" if played.success[0] else "not solved"
     seconds_played = played.steps[0] / command.fps
     say(console, f"{scene.name}: {solved} after {played.steps[0]} steps ({seconds_played:.3f} s)")

@@ -160,7 +160,7 @@ def _print(
 ) -> None:
     """Print the report, and write it if asked."""
     text = report.document(settings, rows, models, calls, handwritten=handwritten)
-    say(console, text.partition("## Origin of this document")[0].rstrip())
+    say(console, text.rstrip())
     if command.document is not None:
         command.document.parent.mkdir(parents=True, exist_ok=True)
         replace_text(command.document, text)

@@ -18,7 +18,7 @@ from iphyre_jax.adapters.minari_writer import check_minari
 from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
-from iphyre_jax.data import Dataset, collect, load_dataset, named_set, save_dataset, verify
+from iphyre_jax.data import NAMED_SETS, Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.arrays import ARRAYS
 from iphyre_jax.data.dataset import SCHEMA, check_target
 from iphyre_jax.data.draws import Plan
@@ -57,7 +57,7 @@ class Collect:
     out: Annotated[Path | None, option("FILE", "The file to write, NAME.npz; NAME.json goes beside it.", "")] = None
     named: Annotated[
         Literal["official", "test", "pairs", "basic-large", "variations", "graded"] | None,
-        option("NAME", "Make this named set, unless the cache folder has it.", "none"),
+        option(f"{{{','.join(NAMED_SETS)}}}", "Make this named set, unless the cache folder has it.", "none"),
     ] = None
     source: Annotated[
         Path | None,

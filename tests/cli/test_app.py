@@ -42,11 +42,16 @@ def test_a_plan_is_played(capsys: pytest.CaptureFixture[str]) -> None:
     assert "reward: 977.6" in out
 
 
+def test_a_time_that_removes_nothing_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["simulate", "support", "--plan", "20", "0", "--fps", "10"]) == 0
+    assert capsys.readouterr().out.count("never, as removals come after 0 s and within 15 s") == 2
+
+
 def test_missing_and_never_stay(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["simulate", "support", "--plan", "never", "--fps", "10"]) == 0
     out = capsys.readouterr().out
-    assert "block 0: never" in out
-    assert "block 1: never" in out
+    assert "block 0: never\n" in out
+    assert "block 1: never\n" in out
     assert "support: not solved after 150 steps" in out
     assert "reward: -15.0" in out
 

@@ -9,6 +9,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -90,6 +91,7 @@ def test_a_missing_package_is_named_with_its_extra(
     assert run(["ask", "support", "--out", str(tmp_path / "run")]) == 2
     message = f"this command needs the extra 'llm' ({kind} is missing): pip install 'iphyre-jax[llm]'"
     assert capsys.readouterr().err == f"iphyre-jax: {message}\n"
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
@@ -120,6 +122,7 @@ def test_a_live_run_is_recorded_goes_on_and_keeps_the_key_to_itself(
         return Answer(reply, "stop", 100, 10, 0.5)
 
     monkeypatch.setattr(Endpoint, "complete", complete)
+    monkeypatch.setitem(sys.modules, "openai", ModuleType("openai"))
     monkeypatch.setattr("iphyre_jax.agents.language.report.bounds", lambda settings: {})
     command = ["ask", "support", "--attempts", "1", "--out", str(tmp_path / "run")]
     assert run(command) == 1
@@ -159,6 +162,7 @@ def test_a_transcript_is_of_one_run_at_a_time(
         return Answer("[]", "stop", 100, 10, 0.5)
 
     monkeypatch.setattr(Endpoint, "complete", complete)
+    monkeypatch.setitem(sys.modules, "openai", ModuleType("openai"))
     monkeypatch.setattr("iphyre_jax.agents.language.report.bounds", lambda settings: {})
     assert run(["ask", "support", "--attempts", "1", "--out", str(tmp_path / "a"), "--record", str(record)]) == 0
     message = f"iphyre-jax: {record}: expected a transcript that nobody uses, but process {os.getpid()} on "

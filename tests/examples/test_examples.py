@@ -25,7 +25,9 @@ def example(name: str) -> dict[str, Any]:
 def test_the_loop_of_jax() -> None:
     _, params = make("on-the-fly/support-v1")
     with jax.numpy_rank_promotion("allow"):
-        weights, rewards = jax.jit(example("ppo_loop")["make_train"]("support", updates=3))(jax.random.key(0), params)
+        weights, rewards = jax.jit(example("reinforce_loop")["make_train"]("support", updates=3))(
+            jax.random.key(0), params
+        )
     assert rewards.shape == (3,)
     assert np.isfinite(rewards).all()
     assert np.isfinite(weights["out"]).all()
@@ -38,7 +40,7 @@ def test_seeds_under_vmap_are_the_runs_of_each(monkeypatch: pytest.MonkeyPatch) 
     _, params = make("on-the-fly/support-v1")
     with jax.numpy_rank_promotion("allow"):
         rewards = example("seeds_under_vmap")["sweep"]("support", seeds=2, updates=2)
-        alone = jax.jit(example("ppo_loop")["make_train"]("support", updates=2))(jax.random.key(1), params)[1]
+        alone = jax.jit(example("reinforce_loop")["make_train"]("support", updates=2))(jax.random.key(1), params)[1]
     assert rewards.shape == (2, 2)
     np.testing.assert_allclose(rewards[1], alone, rtol=1e-5)
     assert not np.array_equal(rewards[0], rewards[1])

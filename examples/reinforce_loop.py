@@ -1,6 +1,6 @@
 """A training loop in the manner of purejaxrl: on-the-fly agents, everything in one jitted scan.
 
-    python examples/ppo_loop.py
+    python examples/reinforce_loop.py
 
 It shows how the environment plugs into such a loop (here with the policy gradient of REINFORCE and optax); it is no
 tuned agent. Needs the extra `train`.
