@@ -23,6 +23,7 @@ from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 
 CACHED: Final = 65_536  # rows; half a kilobyte each
+MOST_NUMBERS: Final = 2**22  # of rows by game and set, 8 bytes each; one call may need more
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.signedinteger[Any]]
@@ -97,6 +98,9 @@ class HostObservations:
         column = np.searchsorted(known, masks)
         if not len(known) or (known[np.minimum(column, len(known) - 1)] != masks).any():
             every = np.union1d(known, masks)
+            if len(known) and len(table) * len(every) > MOST_NUMBERS:
+                self._cache = self._empty
+                return self._find(game, present)
             wider = np.full((len(table), len(every)), -1, np.intp)
             wider[:, np.searchsorted(every, known)] = table
             known, table, column = every, wider, np.searchsorted(every, masks)
