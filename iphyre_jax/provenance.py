@@ -19,6 +19,7 @@ from iphyre_jax.execution.configuration import usable_cores
 
 CORE = ("jax", "jaxlib", "numpy")  # packages that decide a result of the simulator
 PACKAGES = (*CORE, "flax", "optax", "orbax-checkpoint")  # of an agent
+CODE = (".", ":(top)parity", ":(top)benchmarks")  # beside this package, as git names them
 
 _MOST: Final = 3  # settings that a message names
 _MOST_SHOWN: Final = 40  # characters of a value
@@ -67,15 +68,16 @@ def made_by(facts: Mapping[str, object]) -> str:
 
 
 def source_commit() -> str | None:
-    """Commit of the checkout that this package is imported from, with "+changes" if it was edited since.
+    """Commit of the checkout that this package is imported from, with "+changes" if its code was edited since.
 
-    None for a package that was installed, even if it was installed somewhere inside another checkout.
+    The code is the package and the folders `parity` and `benchmarks` of the checkout. None for a package that was
+    installed, even if it was installed somewhere inside another checkout.
     """
     source = Path(iphyre_jax.__file__)
     if _git(source, "ls-files", "--error-unmatch", source.name) is None:
         return None
     commit = _git(source, "rev-parse", "HEAD")
-    changes = _git(source, "status", "--porcelain", "--untracked-files=no", "--", ".")
+    changes = _git(source, "status", "--porcelain", "--untracked-files=no", "--", *CODE)
     return f"{commit}+changes" if commit and changes else commit
 
 

@@ -97,6 +97,8 @@ def check(options: Options) -> None:
             raise ValueError(f"--perturbations: expected numbers between -1 and 1 but not 0, got {part}")
     if not options.dtype:
         raise ValueError("--dtype: expected at least one value")
+    if len(set(options.dtype)) < len(options.dtype):
+        raise ValueError(f"--dtype: expected each type once, got {' '.join(options.dtype)}")
     require_rates(options.fps, options.duration)
     names = scenes(options)
     if len(set(names)) < len(names):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import iphyre_jax
 from iphyre_jax import Scene
+from iphyre_jax.files import pack_npz, replace_bytes
 from parity.compare import PlanComparison, compare_plans
 from parity.engines.trajectory import Trajectory
 from parity.plans import random_plans
@@ -73,7 +74,7 @@ def write(scene: Scene, recorded: list[Golden], folder: Path = FOLDER) -> Path:
         fields |= {f"{name}_{golden.fps}": column for name, column in columns.items()}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{scene.name}.npz"
-    np.savez_compressed(path, allow_pickle=False, **fields)
+    replace_bytes(path, pack_npz(fields))
     return path
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 from collections.abc import Iterator
@@ -13,7 +14,10 @@ import numpy as np
 import tyro
 from rich.console import Console
 
+import iphyre_jax
+import parity
 from iphyre_jax import Scene
+from iphyre_jax.files import replace_text
 from parity.__main__ import PLAYS_A_TASK, Rate
 from parity.command import (
     options_as_json,
@@ -41,7 +45,7 @@ from parity.tolerances import RANDOM_SHARE, RANDOM_STEP
 class Options:
     """Random scenes x random plans x frame rates, in float64.
 
-    Finished tasks are kept beside the report, so that a killed run continues where it stopped.
+    Finished tasks are kept beside the report until it is written, so that a killed run continues where it stopped.
 
     Attributes:
         scenes: random scenes.
@@ -84,7 +88,7 @@ def tasks_of(options: Options) -> list[tuple[int, Task]]:
 def compare(options: Options, console: Console) -> list[tuple[int, GameResult]]:
     """Run the comparison and show its progress; return results with their templates, in the order of the tasks."""
     tasks = tasks_of(options)
-    log = options.out / f"{options.name}.part.jsonl"
+    log = _log(options)
     finished = dict(_done(log, options, tasks))
     left = [index for index in range(len(tasks)) if index not in finished]
     with progress_bar(console) as progress, log.open("a", encoding="utf-8") as file:
@@ -101,26 +105,38 @@ def compare(options: Options, console: Console) -> list[tuple[int, GameResult]]:
     return [(tasks[index][0], result) for index in sorted(finished) for result in finished[index]]
 
 
+def _log(options: Options) -> Path:
+    """The file of finished tasks."""
+    return options.out / f"{options.name}.part.jsonl"
+
+
 def _key(options: Options) -> dict[str, Any]:
-    """What decides the results: some options, the commit, the versions."""
+    """What decides the results: some options, the code of solver and comparison, the versions."""
     kept = "scenes", "plans", "fps", "resets", "seed", "duration"
     chosen = {name: value for name, value in options_as_json(options).items() if name in kept}
-    return chosen | {name: run_info({})[name] for name in ("commit", "versions")}
+    return chosen | {"code": _code_sum(), "versions": run_info({})["versions"]}
+
+
+def _code_sum() -> str:
+    """SHA-256 of all code of the package and of this comparison as it is now; a commit does not know of edits."""
+    total = hashlib.sha256()
+    for package in (iphyre_jax, parity):
+        for file in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
+            total.update(file.read_bytes())
+    return total.hexdigest()
 
 
 def _done(log: Path, options: Options, tasks: list[tuple[int, Task]]) -> Iterator[tuple[int, list[GameResult]]]:
-    """Read the results of an earlier run with the same options; begin a new file if there is none."""
-    lines = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
-    key = _key(options)
-    if not lines or json.loads(lines[0]) != key:
-        log.parent.mkdir(parents=True, exist_ok=True)
-        log.write_text(json.dumps(key) + "\n", encoding="utf-8")
-        return
-    for line in lines[1:]:
-        try:
-            record = json.loads(line)
-        except ValueError:  # a line that was cut off
-            continue
+    """Read the results of an earlier run with the same options and code; begin a new file if there is none.
+
+    A kill leaves at most the last line cut off; it goes, so that the next one is whole.
+    """
+    key = json.dumps(_key(options))
+    lines = log.read_text(encoding="utf-8").splitlines(keepends=True) if log.exists() else []
+    whole = [line for line in lines if line.endswith("\n")]
+    own = whole if whole[:1] == [key + "\n"] else [key + "\n"]
+    replace_text(log, "".join(own))
+    for record in map(json.loads, own[1:]):
         scenes = {scene.name: scene for scene in tasks[record["task"]][1].scenes if isinstance(scene, Scene)}
         yield record["task"], [_result(data, scenes) for data in record["results"]]
 
@@ -193,7 +209,11 @@ def save_small_cases(options: Options, results: list[tuple[int, GameResult]], co
     for result, plan in list(chosen.values())[: options.shrink]:
         row, fps = np.array(plan.eliminate_at, np.int32), result.fps
         timing = {"fps": fps, "steps": round(options.duration * fps), "resets": options.resets}
-        scene, rows = shrink(result.scene, row, same_difference(result.scene, row, **timing))
+        try:
+            scene, rows = shrink(result.scene, row, same_difference(result.scene, row, **timing))
+        except ValueError as error:  # stepped alone it shows no difference
+            console.print(f"{result.game}: {error}", highlight=False, soft_wrap=True)
+            continue
         case = Case(scene, tuple(rows.tolist()), fps, options.resets, str(plan.first_bit))
         path = write_case(options.out / "cases", case)
         console.print(f"{result.game}: {scene.n_objects} objects, {path}", highlight=False, soft_wrap=True)
@@ -219,6 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     games = [result for _, result in results]
     code = publish(options.out, options.name, sections(results), games, info, console, with_page=False)
     save_small_cases(options, results, console)
+    _log(options).unlink()
     return code
 
 

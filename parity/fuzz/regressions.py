@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iphyre_jax import Scene
+from iphyre_jax.files import replace_text
 from iphyre_jax.scenes.codec import scene_from_dict, scene_to_dict
 
 
@@ -48,7 +49,7 @@ def write_case(folder: Path, case: Case) -> Path:
     fields = {name: getattr(case, name) for name in ("why", "fps", "resets", "eliminate_at")}
     lines = [f' "{name}": {json.dumps(value)}' for name, value in fields.items()]
     lines.append(f' "scene": {json.dumps(scene_to_dict(case.scene))}')
-    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    replace_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
     return path
 
 

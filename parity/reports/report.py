@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
+from iphyre_jax.files import replace_text
 from iphyre_jax.provenance import CORE, processor, source_commit, versions
 from parity.divergences import DivergedPlan
 from parity.engines import reference
@@ -97,7 +98,7 @@ def publish(
         texts["html"] = page(tables, results, info)
     folder.mkdir(parents=True, exist_ok=True)
     for ending, text in texts.items():
-        (folder / f"{name}.{ending}").write_text(text, encoding="utf-8")
+        replace_text(folder / f"{name}.{ending}", text)
     for section in tables:
         console.print(screen_table(section))
     saved = f"saved {folder / name}: {', '.join(texts)}"

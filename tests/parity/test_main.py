@@ -19,7 +19,7 @@ from parity.__main__ import Options, main, scenes
     ("arguments", "line"),
     [
         (["--plans", "0"], "--plans: expected a whole number of at least 1, got 0"),
-        (["--resets", "0"], "--resets: expected a whole number of at least 1, got 0"),
+        (["--resets", "0"], "--resets: expected a whole number of at least 1 and at most 1000, got 0"),
         (["--seed", "-1"], "--seed: expected a whole number of at least 0, got -1"),
         (["--workers", "0"], "--workers: expected a whole number of at least 1, got 0"),
         (["--duration", "nan"], "--duration: expected a whole number of steps at 60 fps, got nan s"),

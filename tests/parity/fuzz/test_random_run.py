@@ -27,11 +27,19 @@ def test_a_killed_run_goes_on(
     report, log = tmp_path / "random.json", tmp_path / "random.part.jsonl"
     first = json.loads(report.read_text())
     assert [row["name"] for row in first["tables"][0]["games"]] == ["0: 1 ball", "1: 2 balls"]
+    assert not log.exists()  # the same command compares anew
 
-    lines = log.read_text().splitlines()
-    log.write_text("\n".join([*lines[:2], lines[2][:50]]))  # killed while it wrote the second task
-    ran: list[Any] = []
-    right = random_run.compare_games
+    right, ran = random_run.compare_games, list[Any]()
+
+    def interrupted(tasks: list[Any], workers: int) -> Any:
+        yield next(iter(right(tasks, workers)))
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as cut:
+        cut.setattr(random_run, "compare_games", interrupted)
+        assert random_run.main(options) == 130
+    with log.open("a") as file:
+        file.write('{"task": 1, "resu')  # killed while it wrote the second task
 
     def watched(tasks: list[Any], workers: int) -> Any:
         ran.extend(tasks)
@@ -42,8 +50,25 @@ def test_a_killed_run_goes_on(
     assert len(ran) == 1
     assert json.loads(report.read_text()) == first
 
-    assert random_run.main([*options, "--seed", "1"]) in (0, 1)  # other options begin anew
-    assert len(ran) == 3
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["seed", "code", "header"])
+def test_what_another_run_left_is_not_taken(change: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options, log = [*SMALL, "--out", str(tmp_path)], tmp_path / "random.part.jsonl"
+
+    def interrupted(tasks: list[Any], workers: int) -> Any:
+        raise KeyboardInterrupt
+
+    right, ran = random_run.compare_games, list[Any]()
+    monkeypatch.setattr(random_run, "compare_games", interrupted)
+    assert random_run.main(options) == 130
+    header, task = log.read_text(), json.dumps({"task": 0, "results": []}) + "\n"
+    log.write_text(header[:40] if change == "header" else header + task)
+    if change == "code":
+        monkeypatch.setattr(random_run, "_code_sum", lambda: "of other code")
+    monkeypatch.setattr(random_run, "compare_games", lambda tasks, workers: ran.extend(tasks) or right(tasks, workers))
+    assert random_run.main([*options, *(["--seed", "1"] if change == "seed" else [])]) == 0
+    assert len(ran) == 2
 
 
 def test_a_result_is_read_as_it_was_written() -> None:
@@ -66,7 +91,8 @@ def test_a_result_is_read_as_it_was_written() -> None:
 @pytest.mark.parametrize("option", ["scenes", "plans", "resets", "workers"])
 def test_bad_options_get_one_line(option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert random_run.main([f"--{option}", "0", "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"--{option}: expected a whole number of at least 1, got 0\n"
+    most = " and at most 1000" if option == "resets" else ""
+    assert capsys.readouterr().err == f"--{option}: expected a whole number of at least 1{most}, got 0\n"
 
 
 @pytest.mark.parametrize(
