@@ -25,6 +25,14 @@ def checked_seed(seed: object) -> int | None:
     return None if seed is None else check_whole("seed", seed, 0, MAX_SEED)
 
 
+def as_array(name: str, value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever the user takes for one
+    """Return a value as an array; ValueError in one line for rows of unequal length."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise ValueError(f"{name}: expected an array, got rows of unequal length") from None
+
+
 def checked_action(
     space: Space,
     action: Any,  # noqa: ANN401
@@ -42,10 +50,7 @@ def checked_action(
     Raises:
         ValueError: it has another shape or dtype, or lies outside the space; one line.
     """
-    try:
-        array = np.asarray(action)
-    except ValueError:
-        raise ValueError("action: expected an array, got rows of unequal length") from None
+    array = as_array("action", action)
     if array.shape != batch + space.shape:
         raise ValueError(f"action: expected shape {batch + space.shape}, got {array.shape}")
     if idle is not None and array.dtype.kind in "fiu":

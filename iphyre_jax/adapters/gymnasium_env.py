@@ -38,8 +38,8 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     """One world as a `gymnasium.Env`, without autoreset.
 
     Every reset draws one of the id's games with the environment's own generator, so `reset(seed=...)` determines all
-    later games; `options={"game": name or number}` selects one. `info` has success, fault, eliminations, time (s), game
-    (its number), official_terminated and official_truncated.
+    later games; `options={"game": name or number}` selects one. `info` has success (is_success for
+    Stable-Baselines3), fault, eliminations, time (s), game (its number), official_terminated and official_truncated.
 
     Args:
         id: of an environment, see `iphyre_jax.make`.
@@ -91,7 +91,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             self._game = int(drawn) if game is None else game_row(self.env, game)
             env, params = self._single_game(self._game)
             obs, self._state = env.reset_to(np.int32(0), params)
-            return np.array(obs), self._info(False, False)
+            return np.array(obs), self._infos(_info(env, self._state, params), False, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """Play one decision.
@@ -106,10 +106,10 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         with jax.enable_x64(self._x64):
             key = jax.random.key(0)  # without autoreset nothing is random
             env, params = self._single_game(self._game)
-            obs, self._state, reward, terminated, truncated, _ = env.step(key, self._state, checked, params)
+            obs, self._state, reward, terminated, truncated, info = env.step(key, self._state, checked, params)
             official = bool(terminated), bool(truncated)
             flags = gymnasium_flags(self.env, *official)
-            return np.array(obs), float(reward), bool(flags[0]), bool(flags[1]), self._info(*official)
+            return np.array(obs), float(reward), bool(flags[0]), bool(flags[1]), self._infos(info, *official)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the picture of the world, (600, 600, 3) uint8; None without a render mode."""
@@ -118,16 +118,15 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         with jax.enable_x64(self._x64):
             return np.array(_picture(*self._single_game(self._game), self._state))
 
-    def _info(self, terminated: bool, truncated: bool) -> dict[str, Any]:
-        if self._state is None:
-            raise ValueError("step: expected a call of reset before the first step")
-        env, params = self._single_game(self._game)
-        status = env.worlds.status(params, self._state)
+    def _infos(self, info: dict[str, Any], terminated: bool, truncated: bool) -> dict[str, Any]:
+        """Return infos as numbers of Python; time is exact, and the game is the row of all games."""
+        found, fps = jax.device_get(info), self.env.protocol.fps
         return {
-            "success": bool(status.success),
-            "fault": int(status.fault),
-            "eliminations": int(status.eliminations),
-            "time": int(status.steps) / self.env.protocol.fps,
+            "success": bool(found["success"]),
+            "is_success": bool(found["success"]),  # the name that Stable-Baselines3 reads
+            "fault": int(found["fault"]),
+            "eliminations": int(found["eliminations"]),
+            "time": round(float(found["time"]) * fps) / fps,
             "game": self._game,
             "official_terminated": terminated,
             "official_truncated": truncated,
@@ -173,6 +172,11 @@ def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[
     """Return attributes from `on_host` as they were."""
     with jax.enable_x64(x64):
         return content | {name: jax.tree.map(jnp.asarray, content[name]) for name in names}
+
+
+@partial(jax.jit, static_argnums=0)
+def _info(env: Environment, state: EnvState, params: EnvParams) -> dict[str, Any]:
+    return env.info(state, params)
 
 
 @partial(jax.jit, static_argnums=0)

@@ -14,7 +14,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed, refuse_options
+from iphyre_jax.adapters.arguments import SEEDS, as_array, checked_action, checked_seed, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.adapters.gymnasium_env import (
     RENDER_SIZE,
@@ -191,7 +191,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         unknown = [str(name) for name in options if name not in _RESET_OPTIONS]
         if unknown:
             raise ValueError(f"options: expected none but {' and '.join(_RESET_OPTIONS)}, got {', '.join(unknown)}")
-        mask = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        mask = as_array("reset_mask", options.get("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
             raise ValueError(f"options: expected a reset_mask of {self.num_envs} bool, some of them true")
         if self._state is None and not mask.all():
@@ -215,9 +215,10 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
             self._draw(worlds)
             return dict(_info(self.env, state, self.params))
 
-    def _seeds_of(self, seed: int | Sequence[int | None]) -> list[int | None]:
+    def _seeds_of(self, seed: Any) -> list[int | None]:  # noqa: ANN401 - of NumPy too
         """Return the seed of each world; ValueError in one line for anything but numbers and None."""
-        if not isinstance(seed, Sequence | np.ndarray):
+        seed = seed.tolist() if isinstance(seed, np.ndarray) else seed
+        if not isinstance(seed, Sequence):
             first = check_whole("seed", seed, 0, MAX_SEED)
             return [check_whole("seed", first + k, 0, MAX_SEED) for k in range(self.num_envs)]
         if len(seed) != self.num_envs:
@@ -238,6 +239,7 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     ) -> dict[str, Any]:
         """Return infos as arrays over the worlds, each with the mask of the worlds that have it."""
         arrays = {name: np.array(value) for name, value in info.items() if name != "final_observation"}
+        arrays["is_success"] = arrays["success"].copy()  # see GymnasiumEnv
         arrays |= {"official_terminated": terminated, "official_truncated": truncated}
         return arrays | {f"_{name}": present.copy() for name in arrays}
 
@@ -266,7 +268,9 @@ def _where(worlds: jax.Array, new: EnvState, old: EnvState) -> EnvState:
 
 @partial(jax.jit, static_argnums=0)
 def _info(env: Environment, state: EnvState, params: EnvParams) -> dict[str, Any]:
-    return jax.vmap(env.info, in_axes=(0, None))(state, params)
+    info = jax.vmap(env.info, in_axes=(0, None))(state, params)
+    info.pop("final_observation", None)  # nothing else of the program needs a call of the host for it
+    return info
 
 
 @partial(jax.jit, static_argnums=0)
@@ -279,4 +283,4 @@ def _step(
     env: Environment, seeds: jax.Array, state: EnvState, actions: jax.Array, params: EnvParams
 ) -> tuple[Any, ...]:
     out = jax.vmap(env.step, in_axes=(0, 0, 0, None))(_keys(seeds), state, actions, params)
-    return *out, jax.vmap(env.info, in_axes=(0, None))(out[1], params)
+    return *out, _info(env, out[1], params)

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.adapters.arguments import checked_action, refuse_options
+from iphyre_jax.adapters.arguments import as_array, checked_action, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import MAX_SEED, check_instance, check_whole, show
 from iphyre_jax.envs import Environment, EnvParams, EnvState, make
@@ -124,7 +124,7 @@ class HostPool:
                 one line.
         """
         self._check_open("send")
-        worlds = np.arange(self.num_envs) if env_id is None else np.asarray(env_id)
+        worlds = np.arange(self.num_envs) if env_id is None else as_array("env_id", env_id)
         if worlds.dtype.kind not in "iu" or worlds.shape != (self.batch_size,):
             raise ValueError(f"env_id: expected {self.batch_size} whole numbers, got {show(env_id)}")
         if worlds.min() < 0 or worlds.max() >= self.num_envs or len(np.unique(worlds)) != len(worlds):

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal, get_args
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
 from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, cut, show
@@ -309,11 +310,13 @@ class Environment:
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 
     def _info(self, status: Status) -> Info:
+        # A table, as XLA would multiply by 1 / fps, rounded.
+        seconds = jnp.asarray(np.arange(self.protocol.steps + 1, dtype=np.float32) / np.float32(self.protocol.fps))
         return {
             "success": status.success,
             "fault": status.fault,
             "eliminations": status.eliminations,
-            "time": status.steps.astype(jnp.float32) / self.protocol.fps,
+            "time": jnp.take(seconds, status.steps, mode="clip"),
             "game": status.game,
         }
 

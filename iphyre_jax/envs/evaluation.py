@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
 from iphyre_jax.checks import check_whole, show
 from iphyre_jax.envs.arguments import check_batch, check_key, check_policy
-from iphyre_jax.envs.batching.unrolling import ActingPolicy, Batch, Steps, unroll
+from iphyre_jax.envs.batching.unrolling import Batch, Steps, unroll
 from iphyre_jax.envs.core import Environment
 from iphyre_jax.envs.registry import environment_of
 from iphyre_jax.envs.spaces import Discrete
@@ -95,7 +96,8 @@ def evaluate(
 
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
-            ignores its key. It must have a hash. An action outside the action space, such as NaN, is an error.
+            ignores its key. It must have a hash. An action outside the action space, such as NaN, is an error. Arrays
+            that it reads from outside, such as weights, may change between two calls: it is compiled once for all.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
@@ -131,7 +133,8 @@ def evaluate(
     check_batch("episodes", environment, params.n_games * episodes, decisions)
     batch = Batch.of(environment, params, np.repeat(np.arange(params.n_games), episodes))
     with jax.enable_x64(dtype == "float64" or jax.dtypes.canonicalize_dtype("float64") == "float64"):
-        _, steps = unroll(environment, _acting_policy(policy), (), batch, key, decisions=decisions)
+        acting, weights = _traced(policy, environment, key, batch.obs)
+        _, steps = unroll(environment, acting, weights, batch, key, decisions=decisions)
     _check_actions(environment, np.asarray(batch.game), steps)
     return _scores(environment, np.asarray(batch.game), steps)
 
@@ -169,15 +172,32 @@ def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps:
     )
 
 
-@lru_cache(maxsize=16)
-def _acting_policy(policy: Policy) -> ActingPolicy:
-    """Return a policy for `unroll`; cached, so that a policy is compiled once."""
+@dataclass(frozen=True)
+class _Traced:
+    """A policy for `unroll`, whose weights are the arrays that it closed over; equal ones share a compiled program."""
 
-    def act(weights: object, key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
-        del weights
-        return policy(key, obs), ()
+    policy: Policy
+    text: str
+    """Of its jaxpr, in which those arrays have no values."""
+    jaxpr: Jaxpr = field(compare=False, repr=False)
 
-    return act
+    def __call__(self, weights: Sequence[Any], key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
+        (action,) = jaxpr_as_fun(ClosedJaxpr(self.jaxpr, weights))(key, obs)
+        return action, ()
+
+
+def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.Array) -> tuple[_Traced, Sequence[Any]]:
+    """Return a policy for `unroll` and its weights.
+
+    It is traced at each call: a policy that reads what is trained between two calls is compiled once, and never stale.
+    """
+
+    def act(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return environment.action_space().array(policy(key, obs))
+
+    own_key = jax.eval_shape(lambda one: jax.random.split(one)[0], key)
+    closed = jax.make_jaxpr(act)(own_key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
+    return _Traced(policy, str(closed.jaxpr), closed.jaxpr), [jnp.asarray(const) for const in closed.consts]
 
 
 def _games(split: object) -> object:

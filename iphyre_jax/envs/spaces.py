@@ -115,7 +115,7 @@ class Discrete:
         """
         array = _checked(value, lanes, (np.integer,), "whole numbers")
         if array.dtype.itemsize > np.dtype(np.int32).itemsize:  # narrowed, another number could become an action
-            array = cut(array)
+            array = cut(array, -1, self.n)
         return jnp.asarray(array)
 
     def contains(self, value: npt.ArrayLike) -> bool:

@@ -129,7 +129,7 @@ def record(
     Args:
         scene: a game's name, the path of a scene file or a Scene.
         plan: (S,) integers, for each eliminable block the step before which it is removed, -1 for never; blocks without
-            an entry stay.
+            an entry stay. Further entries are -1, as in a row of a batch.
         fps: physics steps a second, a whole number of at most 100,000, if the scene allows as many steps as 15 s take.
         dtype: number type of the physics, "float64" or "float32".
         resets: number of the reset in a reused space, 1 to 2**31 - 1; 1 is a fresh space.
@@ -176,11 +176,11 @@ def _full_plan(scene: Scene, plan: npt.ArrayLike) -> list[int]:
     """Check a plan and return it with an entry for each eliminable block."""
     blocks = len(scene.eliminable_blocks)
     entries = check_integers("plan", plan, f"at most {blocks} integers", 1)
-    if len(entries) > blocks:
+    if len(entries) > blocks and (entries[blocks:] != NEVER).any():  # a row of a batch has an entry for each slot
         raise ValueError(f"plan: expected at most {blocks} integers, got {len(entries)}")
     if entries.size and (entries.min() < NEVER or entries.max() > np.iinfo(np.int32).max):
         raise ValueError(f"plan: expected step indices or -1, got {entries.min()} to {entries.max()}")
-    return [*entries.tolist(), *[NEVER] * (blocks - len(entries))]
+    return [*entries[:blocks].tolist(), *[NEVER] * (blocks - len(entries))]
 
 
 def _object_arrays(scene: Scene, frames: Frames, count: int) -> tuple[Floats, Floats, Floats]:

@@ -350,6 +350,20 @@ def test_no_number_is_promoted_unsaid(observation: Any, strategy: str, backend: 
         jax.eval_shape(env._step, jax.random.key(0), state, action, params)
 
 
+@pytest.mark.parametrize("protocol", ["official", "smooth"])
+def test_times_are_the_nearest_numbers_in_any_program(protocol: str) -> None:
+    """XLA divides by a constant as it multiplies by its reciprocal, which is an ulp off for a time in three."""
+    env, params = make("on-the-fly/support-v1", protocol=protocol, autoreset=False)
+
+    def decide(state: Any, _: None) -> Any:
+        _, state, _, _, _, info = env.step(jax.random.key(0), state, jnp.int32(0), params)
+        return state, (info["time"], env.info(state, params)["time"])
+
+    times = jax.lax.scan(decide, env.reset(jax.random.key(0), params)[1], length=150)[1]
+    for found in times:
+        np.testing.assert_array_equal(found, (np.arange(1, 151) / 10).astype(np.float32))
+
+
 def test_numbers_beyond_32_bits_do_nothing() -> None:
     """Narrowed, 2**32 + 1 would be the first block."""
     env, params = environment()

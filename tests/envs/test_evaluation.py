@@ -14,6 +14,7 @@ import pytest
 import iphyre_jax
 from iphyre_jax import SPLITS, evaluate, make
 from iphyre_jax.adapters import FiveValues
+from iphyre_jax.envs.batching import unrolling
 from iphyre_jax.envs.in_advance import play_plans
 from iphyre_jax.scenes import load_scene, scene_to_dict
 
@@ -101,8 +102,29 @@ def test_actions_outside_their_space_are_not_scored() -> None:
         evaluate(seconds, "support", strategy="in-advance")
     with pytest.raises(ValueError, match=r"^policy: expected actions from 0 to 6, got 99 in decision 1 of support$"):
         evaluate(unknown, "support", strategy="on-the-fly")
-    with pytest.raises(ValueError, match="expected actions from 0 to 6, got 99 "):
-        evaluate(lambda key, obs: jnp.int64(99), "support", strategy="on-the-fly", dtype="float64")
+
+
+def test_a_policy_is_never_stale_and_is_compiled_once() -> None:
+    """Its arrays change between two calls, as of an agent that trains meanwhile."""
+
+    class Agent:
+        def __init__(self) -> None:
+            self.times, self.scale, self.traced = jnp.zeros(6), 1.0, 0
+
+        def act(self, key: jax.Array, obs: jax.Array) -> jax.Array:
+            self.traced += 1
+            return self.scale * jnp.asarray(self.times)
+
+    agent = Agent()
+    assert not evaluate(agent.act, "support", strategy="in-advance").success.any()
+    compiled = unrolling._unroll._cache_size()
+    agent.times = np.array([0.1, 0.4, 0, 0, 0, 0], np.float32) / 15
+    assert evaluate(agent.act, "support", strategy="in-advance").success.all()
+    assert (unrolling._unroll._cache_size(), agent.traced) == (compiled, 2)
+    agent.scale = 0.0  # no array: another program
+    assert not evaluate(agent.act, "support", strategy="in-advance").success.any()
+    agent.scale = 1.0
+    assert evaluate(agent.act, "support", strategy="in-advance").success.all()
 
 
 def test_five_values_under_scan() -> None:
