@@ -109,6 +109,8 @@ class Environment:
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
         """Return parameters of other games, which its topologies can play.
 
+        Reset all worlds after a change: a state means nothing with another scene at its row, and nobody notices.
+
         Args:
             scenes: names, files or scenes; each episode plays one of them at random.
 
