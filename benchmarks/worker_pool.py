@@ -142,14 +142,21 @@ class WorkerPool:
 
     def _send(self, worker: subprocess.Popen[str], message: dict[str, Any]) -> None:
         pipe = cast(IO[str], worker.stdin)
-        pipe.write(json.dumps(message) + "\n")
-        pipe.flush()
+        try:
+            pipe.write(json.dumps(message) + "\n")
+            pipe.flush()
+        except BrokenPipeError:
+            raise self._ended() from None
 
     def _answer(self, worker: subprocess.Popen[str]) -> dict[str, Any]:
         line = cast(IO[str], worker.stdout).readline()
         if not line:
-            self._errors.seek(0)
-            last = self._errors.read().strip().splitlines()[-1:] or ["no message"]
-            raise RuntimeError(f"{self.engine.name}: a worker ended: {last[0]}")
+            raise self._ended()
         answer: dict[str, Any] = json.loads(line)
         return answer
+
+    def _ended(self) -> RuntimeError:
+        """The error for a worker that is gone, with the last line that it wrote."""
+        self._errors.seek(0)
+        last = self._errors.read().strip().splitlines()[-1:] or ["no message"]
+        return RuntimeError(f"{self.engine.name}: a worker ended: {last[0]}")

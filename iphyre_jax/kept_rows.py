@@ -58,6 +58,12 @@ def read_row(file: Path, settings: Mapping[str, Any] | None = None) -> Row:
     return row
 
 
+def rows_there(folder: Path, settings: Mapping[str, Mapping[str, Any]]) -> dict[str, Row]:
+    """Return those of some rows that are in a folder; settings: of each by name. Errors as those of `read_row`."""
+    files = {name: folder / f"{name}.json" for name in settings}
+    return {name: read_row(file, settings[name]) for name, file in files.items() if file.is_file()}
+
+
 def read_rows(folder: Path) -> dict[str, Row]:
     """Return all rows of a folder by name, none if it is missing; errors as those of `read_row`."""
     return {file.stem: read_row(file) for file in sorted(folder.glob("*.json"))}

@@ -9,6 +9,7 @@ after each run and says what is still missing.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -16,12 +17,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import tyro
 from rich.console import Console
 
 import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to the trainer
 from benchmarks.learning.agents_document import document
+from benchmarks.learning.command import run
 from benchmarks.learning.rows import TableName, rows, without_sums
+from iphyre_jax.checks import check_whole
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_text
 from iphyre_jax.memory import forget_programs
@@ -168,12 +170,13 @@ def export_best(arguments: Arguments, name: str, config: TrainConfig) -> None:
 
 def main(arguments: Arguments) -> None:
     """Run what is missing and write the document."""
+    check_whole("seeds", arguments.seeds)
     configure()
     console, table, seeds = Console(), rows(arguments.table), range(arguments.seeds)
     names = arguments.only or tuple(table)
     for name in arguments.only:
         if name not in table:
-            raise SystemExit(f"only: expected some of {', '.join(table)}, got {name!r}")
+            raise ValueError(f"only: expected some of {', '.join(table)}, got {name!r}")
     write(arguments, table)
     wanted = {Path(n) / f"seed-{seed}": replace(table[n], seed=seed) for seed, n in product(seeds, names)}
     left = {part: config for part, config in wanted.items() if not is_published(arguments.published / part, config)}
@@ -207,4 +210,4 @@ def write(arguments: Arguments, table: Mapping[str, TrainConfig]) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Arguments))
+    sys.exit(run(main, Arguments))

@@ -11,6 +11,7 @@ stopped.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import tyro
 from rich.console import Console
 
 from benchmarks.learning.agents import check_settings, finished_run
@@ -43,14 +43,16 @@ from benchmarks.learning.carry_over_rows import (
     ranking_of,
     rows,
 )
+from benchmarks.learning.command import run
 from benchmarks.learning.on_the_fly import counted
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.agents import draw_randomly
 from iphyre_jax.attempts.protocol import Agent
+from iphyre_jax.checks import check_whole
 from iphyre_jax.data.generated import generate_scenes, load_generated, save_generated
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import file_sum, replace_text
-from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows
+from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows, rows_there
 from iphyre_jax.models.outcome.plays.augmented import scenes_of
 from iphyre_jax.models.outcome.plays.proposals import proposals_of
 from iphyre_jax.models.outcome.ranker import Refinement, stage_folder, trained_ranker
@@ -169,6 +171,9 @@ def is_trained(folder: Path, config: TrainConfig) -> bool:
 def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: Path) -> None:
     """Play the forty games with whatever has no row yet, and count it if there is anything.
 
+    Raises:
+        ValueError: a row that is there has other settings; one line, before anything is played or counted.
+
     Args:
         folder: of the rows.
         policies: of each rate, by the names of their rows.
@@ -181,7 +186,8 @@ def play_forty(folder: Path, policies: Mapping[int, Mapping[str, Policy]], out: 
         for name, agent in {"random plans": draw_randomly, **agents}.items():
             settings = forty_settings(fps, name, of_rate[name].settings() if name in of_rate else {})
             tasks.append((_folder(folder, "forty", fps), name, settings, partial(forty_row, agent, fps)))
-    if all((place / f"{name}.json").is_file() for place, name, *_ in tasks):
+    there = [name in rows_there(place, {name: settings}) for place, name, settings, _ in tasks]
+    if all(there):
         return
     counted(out / COUNTER)
     for place, name, settings, compute in tasks:
@@ -218,9 +224,10 @@ def _ship(root: Path, weights: Path) -> None:
 
 def main(arguments: Arguments) -> None:
     """Train what is missing, play, and write the document."""
+    check_whole("seeds", arguments.seeds)
     for name in arguments.only:
         if name not in ROWS:
-            raise SystemExit(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
+            raise ValueError(f"only: expected some of {', '.join(ROWS)}, got {name!r}")
     configure()
     console, file = Console(), scene_file(arguments.root)
     if preset().fps in arguments.fps:
@@ -292,4 +299,4 @@ def _write(arguments: Arguments, manifest: Mapping[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Arguments))
+    sys.exit(run(main, Arguments))

@@ -43,8 +43,7 @@ ABOUT: Final = {
     "refined": "the same policies, a weight of 0.005, and this classifier after refinements, two at 10 steps a "
     "second and one at 60: each plays those random plans of 20,000 further scenes that it believes in, and learns "
     "from them",
-    "refined-default": "that classifier, and policies with the settings of `default`, trained anew; at 10 steps a "
-    "second",
+    "refined-default": "that classifier, and policies of the settings and seeds of `default`; at 10 steps a second",
     "confident": "`refined`, but 0.8 times the policy's probability of the greedy plan is added to that plan's score: "
     "a policy that is sure of its plan keeps it",
     "refined-again": "`confident`, and a third refinement of the classifier, whose scenes are 1,000 variations of "
@@ -53,7 +52,7 @@ ABOUT: Final = {
     "with-unions": "`confident`, but policies and classifier learn from unions too: 15,000 generated scenes with the "
     "objects of two basic games each. They are among the policies' scenes, and those of a fourth refinement of the "
     "classifier; a fifth has 15,000 others and 1,000 variations of each basic game; at 10 steps a second",
-    "on-policy": "policies with the settings of `with-unions`, trained anew, and that classifier after two further "
+    "on-policy": "policies of the settings and seeds of `with-unions`, and that classifier after two further "
     "refinements, each with 20,000 further generated scenes, 15,000 unions and 1,000 variations of each basic game. "
     "Their plans are not random: the five policies propose them. A second loss, of the plans of a scene as a list, "
     "asks that one that solves it comes first. The greedy plan gains 1.6 times its probability; at 10 steps a second",

@@ -11,6 +11,7 @@ games has the scores that ship with the weights; with --test these are written a
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,9 +20,9 @@ from typing import Any, Final, cast
 
 import jax
 import numpy as np
-import tyro
 
 from benchmarks.learning.agents import SEEDS, is_published
+from benchmarks.learning.command import run
 from benchmarks.learning.rows import rows as table_rows
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
@@ -196,4 +197,4 @@ def forty(policies: Sequence[Pretrained], played: int) -> str:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Arguments))
+    sys.exit(run(main, Arguments))

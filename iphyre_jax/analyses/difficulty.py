@@ -19,7 +19,7 @@ from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.analyses.search import play_plans_of
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.intervals import Estimate, bootstrap
-from iphyre_jax.kept_rows import Row, kept_row
+from iphyre_jax.kept_rows import Row, kept_row, rows_there
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, load_scene
@@ -70,6 +70,11 @@ def run(folder: Path, fps: int, seed: int, games: Sequence[str] = GAMES) -> dict
     """Return the rows of games, measuring those that are missing in `folder`/difficulty-<fps>fps-<seed>."""
     kept = folder / f"difficulty-{fps}fps-{seed}"
     return {game: kept_row(kept, game, settings(fps, seed), partial(measure, game, fps, seed)) for game in games}
+
+
+def rows_there_of(folder: Path, fps: int, seed: int) -> dict[str, Row]:
+    """Return the rows of the forty games that are in the folder; errors as of `rows_there`."""
+    return rows_there(folder / f"difficulty-{fps}fps-{seed}", dict.fromkeys(GAMES, settings(fps, seed)))
 
 
 def iterations(row: Row) -> int:
@@ -124,13 +129,19 @@ def _split_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
     """Geometric mean of the iterations by split, and agreement with people and with the paper's agents; by seed."""
     seeds, cells = list(whole.values()), []
     for split, games in COLUMNS.items():
-        logs = [np.log(iterations(rows[game])) for rows in seeds for game in games]
+        of_split = [rows[game] for rows in seeds for game in games]
+        logs = [np.log(iterations(row)) for row in of_split]
         people = agreement(seeds[0], games)
         agents = spearman([iterations(seeds[0][game]) for game in games], [solvers(game) for game in games])
-        cells.append([TITLES[split], f"{np.exp(np.mean(logs)):.0f}", str(people), f"{agents:.2f}"])
+        cells.append([TITLES[split], _counted(float(np.exp(np.mean(logs))), of_split), str(people), f"{agents:.2f}"])
     people_title = f"Spearman with people, seed {next(iter(whole))}"
     header = ["split", f"iterations, geometric mean of {len(seeds)} seeds", people_title, "with agents that solve it"]
     return markdown_table(header, cells)
+
+
+def _counted(number: float, rows: Sequence[Row], kinds: Sequence[str] = ("to_successes",)) -> str:
+    """A number of draws; "over" if the cap ended one of the counts that it is made of."""
+    return f"{'over ' if any(row[kind] is None for row in rows for kind in kinds) else ''}{number:,.0f}"
 
 
 def _game_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
@@ -139,14 +150,13 @@ def _game_table(whole: Mapping[int, Mapping[str, Row]]) -> str:
     rates, cells = success_rates(seeds), []
     for game in sorted(GAMES, key=lambda game: -iterations(seeds[0][game])):
         found = share(*rates[game])
-        counts = [iterations(rows[game]) for rows in seeds]
-        capped = seeds[0][game]["to_successes"] is None
+        of_game = [rows[game] for rows in seeds]
         cells.append(
             [
                 game,
-                f"{'over ' if capped else ''}{counts[0]:,}",
-                f"{official_iterations(seeds[0][game]):,}",
-                f"{np.mean(counts):,.0f}",
+                _counted(iterations(of_game[0]), of_game[:1]),
+                _counted(official_iterations(of_game[0]), of_game[:1], ("to_successes", "to_failures")),
+                _counted(float(np.mean([iterations(row) for row in of_game])), of_game),
                 f"{100 * found.value:.2f} [{100 * found.low:.2f}, {100 * found.high:.2f}]",
             ]
         )

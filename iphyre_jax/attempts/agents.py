@@ -51,7 +51,8 @@ def draw_randomly(scene: Scene, k: int, rng: np.random.Generator, past: Sequence
 def improve_best(scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
     """An agent that learns from its attempts: every second plan, or so, is its best one with some times changed.
 
-    A solved attempt is best by its reward. Among unsolved ones it is the one whose highest ball came lowest. Without
+    Blocks that the best one leaves alone are drawn anew, as in `random_plans`, which removes most of them. A solved
+    attempt is best by its reward. Among unsolved ones it is the one whose highest ball came lowest. Without
     trajectories nothing tells them apart; then, until one is solved, the agent draws `random_plans`.
     """
     fresh = random_plans(rng, len(scene.eliminable_blocks), k)

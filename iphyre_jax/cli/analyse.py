@@ -31,7 +31,7 @@ from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.cli.ask import Ask
 from iphyre_jax.cli.console import option
 from iphyre_jax.files import file_sum, replace_text
-from iphyre_jax.kept_rows import Row, read_rows
+from iphyre_jax.kept_rows import Row, rows_there
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.printing import say
@@ -128,8 +128,8 @@ def _oracle(command: Analyse, console: Console) -> str:
             for game in GAMES:
                 with console.status(f"oracle at {fps}: {game}"):
                     oracle.run(command.rows, fps, [game])
-        kept = read_rows(command.rows / f"oracle-{fps}fps")
-        tables_of[fps] = {game: kept[game] for game in GAMES if game in kept}
+        wanted = dict.fromkeys(GAMES, oracle.settings(fps))
+        tables_of[fps] = rows_there(command.rows / f"oracle-{fps}fps", wanted)
         if command.data is not None and len(tables_of[fps]) == len(GAMES):
             oracle.export(tables_of[fps], fps, command.data / oracle.file_of(fps).name)
     return oracle.document(tables_of)
@@ -143,7 +143,7 @@ def _difficulty(command: Analyse, console: Console) -> str:
             for game in () if command.written_only else GAMES:
                 with console.status(f"difficulty at {fps}, seed {seed}: {game}"):
                     difficulty.run(command.rows, fps, seed, [game])
-            rates[fps].append(read_rows(command.rows / f"difficulty-{fps}fps-{seed}"))
+            rates[fps].append(difficulty.rows_there_of(command.rows, fps, seed))
     return difficulty.document(rates)
 
 
@@ -156,8 +156,10 @@ def _attempts(command: Analyse, console: Console) -> str:
         for name, specification in () if command.written_only else names.items():
             with console.status(f"attempts at {fps}: {name}"):
                 attempts_rows.run(command.rows, fps, name, specification)
-        kept = read_rows(command.rows / f"attempts-{fps}fps")
-        found[fps] = {name: kept[slug] for name in names if (slug := attempts_rows.file_stem(name)) in kept}
+        stems = {attempts_rows.file_stem(name): name for name in names}
+        wanted = {stem: names[name][0] for stem, name in stems.items()}
+        kept = rows_there(command.rows / f"attempts-{fps}fps", wanted)
+        found[fps] = {stems[stem]: row for stem, row in kept.items()}
         missing[fps] = [name for name in names if name not in found[fps]]
     return attempts_rows.document(found, missing)
 
@@ -182,7 +184,7 @@ def _imagination(command: Analyse, console: Console) -> str:
 def _claims(command: Analyse, console: Console) -> str:
     """Judge the claims by what the other analyses found."""
     del console
-    counts = read_rows(command.rows / "difficulty-60fps-0")
+    counts = difficulty.rows_there_of(command.rows, 60, 0)
     whole = counts if set(GAMES) <= set(counts) else None
     return claims.document(claims.claims(policies(), seeds.published(command.runs), oracle.shipped(10), whole))
 
@@ -190,7 +192,8 @@ def _claims(command: Analyse, console: Console) -> str:
 def _protocols(command: Analyse, console: Console) -> str:
     """Play the policies that are missing."""
     if command.written_only:
-        return protocols.document(read_rows(command.rows / "protocols"))
+        wanted = {name: protocols.settings(name) for name in protocols.POLICIES}
+        return protocols.document(rows_there(command.rows / "protocols", wanted))
     with console.status("protocols"):
         return protocols.document(protocols.run(command.rows))
 
