@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from iphyre_jax.analyses.figures import COLUMNS, by_split
 from iphyre_jax.analyses.orders import BlockOrder, executed_order, feasible_orders, possible_orders
-from iphyre_jax.analyses.search import decide, search_plans
+from iphyre_jax.analyses.search import CLIMBED, PAIR_STEPS, decide, search_plans
 from iphyre_jax.analyses.slack import slack_of
 from iphyre_jax.files import read_versioned, replace_text
 from iphyre_jax.kept_rows import Row, kept_row
@@ -40,6 +40,7 @@ def settings(fps: int) -> dict[str, Any]:
         "dtype": "float32 for the search, float64 for enumerations and for what was found",
         "random plans": MOST_PLANS[fps],
         "plays for orders": MOST_ORDER_PLAYS[fps],
+        "climb": f"{CLIMBED} plans, pairs by {PAIR_STEPS} steps",
         "seed": 0,
     }
 
@@ -124,8 +125,10 @@ def document(tables: Mapping[int, Mapping[str, Row]]) -> str:
         "Written by `iphyre-jax analyse oracle`. Best plans by search: no plan is entered by hand. Reward: 1000 - 10 "
         "for each removal - seconds. Slack: width of the interval of steps in which that removal may fall, all others "
         "fixed, and the game is still solved. Orders: sequences of blocks for which a plan that solves is known, "
-        "of all. The search is float32; enumerations, and what it found, are float64. A game counts as impossible "
-        "only as far as its plans were enumerated.",
+        "of all. The search is float32; enumerations, and what it found, are float64. It ends where no change of one "
+        f"removal of a best plan, and none of two by up to {PAIR_STEPS} steps, is better. Plans begin at step 1, as of "
+        "people and of agents that plan ahead; one that acts on the fly can remove a block before any step is made, "
+        "which may gain a step. A game counts as impossible only as far as its plans were enumerated.",
     ]
     for fps, rows in tables.items():
         missing = [game for game in GAMES if game not in rows]

@@ -1,4 +1,4 @@
-"""Search of a game's plans, at any rate: random plans, all single removals, neighbours of the best, all pairs.
+"""Search of a game's plans, at any rate: random plans, all single removals, neighbours of the best, all pairs; a climb.
 
 No plan is entered by hand. What was tried stays together with how it ended, because orders that solve are read off it.
 """
@@ -24,6 +24,8 @@ KEPT: Final = 32  # plans whose neighbours are tried
 KEPT_OF_SET: Final = 4  # of them with the same removed blocks
 SPREADS: Final = (0.5, 0.2, 0.1, 0.05, 0.02)  # s, standard deviation of neighbours in each round
 DECIDED: Final = 64  # best plans that are played again in float64
+CLIMBED: Final = 8  # best plans whose changes are tried
+PAIR_STEPS: Final = 6  # by which two removals move at most
 CHUNK: Final = 50_000  # plans of an enumeration at a time
 TRIPLES_BEFORE: Final = 6.4  # s; triples are enumerated with all removals before, on the grid of 10 steps a second
 
@@ -122,7 +124,35 @@ def search_plans(scene: Scene, fps: int, resets: int, known: Sequence[Sequence[i
         _enumerate(tried, 3, round(TRIPLES_BEFORE * fps), f"three removals before {TRIPLES_BEFORE} s")
     for spread in SPREADS:
         tried.play(neighbours(rng, tried.best(KEPT), BATCH // 2, spread * fps, last))
+    _climb(tried)
     return tried
+
+
+def _climb(tried: Tried) -> None:
+    """Try the changes of the best plans until none is better.
+
+    A plan's changes: one removal at any other step of the play or none, or two removals a few steps earlier or later.
+    """
+    best = -np.inf
+    while tried.success.any() and tried.reward.max() > best:
+        best, last = tried.reward.max(), int(tried.steps[tried.reward.argmax()])
+        plans = np.concatenate([_changes(plan, last) for plan in tried.best(CLIMBED)])
+        tried.play(np.unique(with_distinct_steps(plans), axis=0), keep_failures=False)
+
+
+def _changes(plan: npt.NDArray[np.int64], last: int) -> Plans:
+    """Return the changes of a plan (S,) that `_climb` tries, (N, S); steps 1 to `last`."""
+    changed = []
+    for block in range(len(plan)):
+        single = np.tile(plan, (last + 1, 1))
+        single[:, block] = [NEVER, *range(1, last + 1)]
+        changed.append(single)
+    near = np.array(list(itertools.product(range(-PAIR_STEPS, PAIR_STEPS + 1), repeat=2)))
+    for pair in itertools.combinations(np.flatnonzero(plan != NEVER), 2):
+        moved = np.tile(plan, (len(near), 1))
+        moved[:, pair] = np.maximum(plan[list(pair)] + near, 1)
+        changed.append(moved)
+    return np.concatenate(changed)
 
 
 def random_plans(rng: np.random.Generator, count: int, blocks: int, fps: int) -> Plans:
