@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax.kept_rows import kept_row, read_rows
+from iphyre_jax.kept_rows import kept_row, read_rows, rows_there
 
 
 def test_a_row_is_computed_once(tmp_path: Path) -> None:
@@ -23,6 +23,9 @@ def test_rows_of_other_settings_and_other_files_are_refused(tmp_path: Path) -> N
     kept_row(tmp_path, "a", {"seed": 0}, lambda: {"value": 1})
     with pytest.raises(ValueError, match=r"a\.json: settings: expected others: seed 0, not 1; remove the file$"):
         kept_row(tmp_path, "a", {"seed": 1}, lambda: {"value": 1})
+    assert rows_there(tmp_path, {"a": {"seed": 0}, "none": {}}) == {"a": {"value": 1}}
+    with pytest.raises(ValueError, match="expected others: seed 0, not 1"):
+        rows_there(tmp_path, {"a": {"seed": 1}})
     (tmp_path / "b.json").write_text('{"schema": "x"}')
     with pytest.raises(ValueError, match=r"b\.json: expected schema \"iphyre_jax/analysis-row\", version 1, got 'x'$"):
         read_rows(tmp_path)

@@ -15,3 +15,13 @@ def test_a_column_names_its_seed() -> None:
     assert "| game | seed 1 | both, seed 1 | mean of 1 seeds |" in text
     assert "Spearman with people, seed 1" in text
     assert "| hole | 777 | 800 | 777 |" in text
+
+
+def test_a_count_that_the_cap_ended_says_so() -> None:
+    row = {"to_successes": 777, "to_failures": 800, "solved": 50, "plays": 777}
+    whole, capped = dict.fromkeys(GAMES, row), dict.fromkeys(GAMES, row) | {"hole": row | {"to_successes": None}}
+    text = difficulty.document({10: [whole, capped]})
+    assert "| hole | 777 | 800 | over 10,388 |" in text
+    assert "| Basic | over 914 |" in text
+    assert "| Noisy | 777 |" in text
+    assert "| hole | over 20,000 | over 20,000 | over 20,000 |" in difficulty.document({10: [capped]})

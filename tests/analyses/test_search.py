@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, simulate
-from iphyre_jax.analyses.search import Tried, _grid, decide, neighbours
+from iphyre_jax.analyses.search import PAIR_STEPS, Tried, _changes, _climb, _grid, decide, neighbours
 from iphyre_jax.analyses.slack import slack_of
 
 FPS, RESETS = 10, 2
@@ -53,3 +53,25 @@ def test_slack_ends_where_the_game_is_no_longer_solved() -> None:
         own = next(part for part in gaps if plan[slot] in part)
         assert width == pytest.approx(len(own) / FPS)
     assert slack_of(scene, np.array([8, -1]), FPS, RESETS)[1] is None
+
+
+def test_a_climb_ends_at_the_best_of_all_plans() -> None:
+    every = Tried(load_scene("support"), FPS, RESETS)
+    for removals in (1, 2):
+        for plans in _grid(2, removals, 60):
+            every.play(plans)
+    climbed = Tried(load_scene("support"), FPS, RESETS)
+    climbed.play(np.array([[40, 55]]))
+    assert climbed.success.all()
+    assert climbed.reward.max() < every.reward.max() - 1
+    _climb(climbed)
+    assert climbed.reward.max() == every.reward.max()
+
+
+def test_changes_are_of_one_removal_or_of_two_by_a_few_steps() -> None:
+    plan = np.array([20, -1, 3])
+    changes = _changes(plan, 30)
+    assert len(changes) == 3 * 31 + (2 * PAIR_STEPS + 1) ** 2
+    assert ((changes == -1) | (changes >= 1)).all()
+    assert ((changes != plan).sum(axis=1) <= 2).all()
+    assert {*changes[:31, 0].tolist()} == {-1, *range(1, 31)}

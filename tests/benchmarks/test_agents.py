@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
 
-from benchmarks.learning import agents_document
+import pytest
+
+from benchmarks.learning import agents, agents_document, carry_over, command
 from benchmarks.learning import rows as tables
 from iphyre_jax.train.reports import compare
 from tests.train.reports.test_compare import run
@@ -31,3 +36,24 @@ def test_what_a_prediction_adds() -> None:
 def test_other_tables_have_no_predictions() -> None:
     config = tables.rows("default")["ppo-c"]
     assert agents_document.with_predictions(compare.rows([run(config, 0, 1.0)])) == {}
+
+
+@pytest.mark.parametrize("module", [agents, carry_over])
+def test_no_seeds_are_one_line_before_anything_is_written(
+    module: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["command", "--seeds", "0", "--out", str(tmp_path / "out")])
+    assert command.run(module.main, module.Arguments) == 2
+    assert capsys.readouterr().err == "seeds: expected a whole number of at least 1, got 0\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupt_of_a_command_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(arguments: agents.Arguments) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "argv", ["command"])
+    assert command.run(interrupted, agents.Arguments) == 130
+    assert capsys.readouterr().err == "interrupted; the same command goes on\n"

@@ -204,3 +204,18 @@ def test_the_forty_are_played_once_and_counted(monkeypatch: pytest.MonkeyPatch, 
         carry_over.play_forty(tmp_path, {}, tmp_path)
     assert sorted(played) == [10, 10, 10, 60, 60, 60]  # random plans, and the shipped policy without and with rankers
     assert read_json_object(tmp_path / carry_over.COUNTER) == {"runs": 1}
+
+
+def test_a_row_of_other_weights_is_refused_before_anything_is_counted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(carry_over, "forty_row", lambda agent, fps: forty([500.0] * 10))
+    carry_over.play_forty(tmp_path, {}, tmp_path)
+    row = tmp_path / "forty-10fps" / f"{carry_over.SHIPPED}.json"
+    row.write_text(row.read_text().replace(read_json_object(row)["settings"]["sha256"], "0" * 64))
+    for missing in (None, tmp_path / "forty-60fps" / "random plans.json"):
+        if missing is not None:
+            missing.unlink()
+        with pytest.raises(ValueError, match=r"settings: expected others: sha256 0{40}\.\.\., not "):
+            carry_over.play_forty(tmp_path, {}, tmp_path)
+    assert read_json_object(tmp_path / carry_over.COUNTER) == {"runs": 1}

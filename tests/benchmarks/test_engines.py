@@ -73,3 +73,13 @@ def test_a_worker_that_cannot_start_is_reported_in_one_line() -> None:
         WorkerPool(Engine("wrong", (*PYMUNK, "flying"), 1, 1)),
     ):
         pass
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_between_two_turns_is_reported_in_one_line() -> None:
+    with WorkerPool(Engine("dead", (*PYMUNK, "stepping"), 2, 2)) as pool:
+        pool.load(make_workload(("hole",), 2, 10, seed=1))
+        pool.workers[0].kill()
+        pool.workers[0].wait()
+        with pytest.raises(RuntimeError, match=r"^dead: a worker ended: no message$"):
+            pool.repeat(1)
