@@ -123,6 +123,8 @@ def _has_rows(command: Analyse, what: What) -> bool:
 def _oracle(command: Analyse, console: Console) -> str:
     """Search game by game."""
     tables_of: dict[int, dict[str, Row]] = {}
+    if command.data is not None:
+        command.data.mkdir(parents=True, exist_ok=True)
     for fps in oracle.RATES:
         if not command.written_only:
             for game in GAMES:

@@ -109,7 +109,7 @@ class Environment:
     def params(self, scenes: Sequence[SceneLike]) -> EnvParams:
         """Return parameters of other games, which its topologies can play.
 
-        Reset all worlds after a change: a state means nothing with another scene at its row, and nobody notices.
+        Reset all worlds after a change: a state means nothing with another scene at its row. The host refuses it.
 
         Args:
             scenes: names, files or scenes; each episode plays one of them at random.

@@ -47,6 +47,26 @@ def test_numbers_that_were_cut_to_32_bits_are_refused(backend: BackendName) -> N
             assert str(caught.value) == f"{name}: expected float64, got float32; load it under jax.enable_x64(True)"
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_host_refuses_another_scene_at_the_row_of_a_state(dtype: str) -> None:
+    """Hole and angle differ in topology, hole and a copy of it in numbers alone."""
+    env, _ = iphyre_jax.make("on-the-fly/basic-v1", dtype=dtype, autoreset=False, backend="host")
+    hole = iphyre_jax.load_scene("hole")
+    copy = iphyre_jax.vary(hole, 20, jitter_px=5).scenes[0]
+    with jax.enable_x64(dtype == "float64"):
+        first, same = env.params(["support", hole]), env.params(["seesaw", hole])
+        step = jax.jit(jax.vmap(env.step, in_axes=(None, 0, None, None)))
+        keys = jax.random.split(jax.random.key(0), 5)
+        state = jax.vmap(env.reset_to, in_axes=(0, None))(np.ones(5, np.int32), first)[1]
+        played = step(keys[0], state, 1, first)
+        for kept, again in zip(*map(jax.tree.leaves, (played, step(keys[0], state, 1, same))), strict=True):
+            np.testing.assert_array_equal(kept, again)  # the rows of others may change
+        for other in ("angle", copy):
+            line = "state: expected one of these parameters, got another scene at row 1; reset all worlds"
+            with pytest.raises((jax.errors.JaxRuntimeError, ValueError), match=f"ValueError: {line}"):
+                jax.block_until_ready(step(keys[0], played[1], 1, env.params(["support", other])))
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_state_of_a_game_that_the_parameters_lack_is_refused(backend: BackendName) -> None:
     env, _ = iphyre_jax.make("on-the-fly/support-v1", backend=backend)

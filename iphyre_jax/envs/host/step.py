@@ -52,7 +52,7 @@ class HostStep:
         self.programs = tuple(programs)
         self.slots = programs[0].slots
         self.status_words = status_words(self.slots)
-        self.episode_words = max(program.episode_words for program in programs)
+        self.episode_words = max(program.episode_words for program in programs) + 1  # the last: id of the scene
         self._body_obs_size = max(program.body_obs_size for program in programs)
         self._features, self._make_observations = features, make_observations
         self._steps = protocol.steps
@@ -90,14 +90,24 @@ class HostStep:
         Args:
             scenes: (games, words), see `HostParams`.
             topology_id: (games,).
-            episodes: (B, words).
+            episodes: (B, words), each begun with the scene that its game has here.
             requests: (B, 2 slots + 1), see `EnvStep`, of the words' dtype.
             next_game: (B,) game of the episode that follows; -1 for none.
             out: receives the episodes (B, words), perhaps in place, their observations, and the packed status before
                 the decision and after it, before any reset.
             final: receives the episodes and observations before any reset, if given.
+
+        Raises:
+            ValueError: an episode was begun with another scene; one line.
         """
         table, (words, obs, before, status) = self._table(scenes, topology_id), out
+        others = episodes[:, -1] != table.start_words[episodes[:, 0], -1]
+        if others.any():
+            row = int(episodes[others.argmax(), 0])
+            raise ValueError(
+                f"state: expected one of these parameters, got another scene at row {row}; reset all worlds after a "
+                "change of parameters"
+            )
         before[:] = episodes[:, : self.status_words]
         steps = int((requests[:, self.slots] - episodes[:, STEP]).max())
         threads = 1 if self._seconds < SHORT else configuration.threads()
@@ -105,6 +115,7 @@ class HostStep:
         body_obs = np.zeros((len(words), self._body_obs_size), np.float32)
         self._run_all(partial(self._run, table, episodes, requests, (words, body_obs)), calls, threads)
         status[:] = words[:, : self.status_words]
+        words[:, -1] = episodes[:, -1]
         table.observations.write(obs, status, body_obs, self._steps)
         if final is not None:
             final[0][:], final[1][:] = words, obs
@@ -137,15 +148,15 @@ class HostStep:
         features = jax.tree.map(lambda leaf: np.moveaxis(leaf, -1, 0), features)
         own = scenes[:, ID_WORDS + self._features.rows :]
         table = GameTable(key, own, topology_id, self.programs, self._make_observations(features))
-        self._set_starts(table)
+        self._set_starts(table, scenes)
         with self._lock:
             self._tables[key] = table
             while len(self._tables) > TABLES_CACHED:
                 self._tables.popitem(last=False)
         return table
 
-    def _set_starts(self, table: GameTable) -> None:
-        """Compute each game's episode and observation before its first step."""
+    def _set_starts(self, table: GameTable, scenes: Ints) -> None:
+        """Compute each game's episode and observation before its first step; scenes: (games, words)."""
         games = np.arange(len(table.topology_id))
         requests = np.full((len(games), 2 * self.slots + 1), -1, table.scenes[0].dtype)
         requests[:, self.slots], requests[:, self.slots + 1 :] = RESET, 0
@@ -156,6 +167,7 @@ class HostStep:
         for call in table.calls(games, 0, 1):
             self._run(table, episodes, requests, (words, body_obs), call)
         table.observations.write(obs, words[:, : self.status_words], body_obs, self._steps)
+        words[:, -1] = scenes[:, 0]
         table.start_words, table.start_obs = words, obs
 
     def _run(
@@ -172,8 +184,8 @@ class HostStep:
         with self._packed.of(table, call, program) as scenes:
             after = executable(program)(scenes, worlds, self._timing, self._groups[call.groups])[0]
         pieces(out[0], 0, width)[rows] = pieces(after, 0, width)[:count]
-        if width < self.episode_words:
-            out[0][rows, width:] = 0
+        if width < self.episode_words - 1:
+            out[0][rows, width:-1] = 0
         if after.itemsize == 4:
             pieces(out[1], 0, program.body_obs_size)[rows] = pieces(after, width, program.body_obs_size)[:count]
         else:
