@@ -1,4 +1,4 @@
-"""Load plays from files of plays, from run folders, or from the best known plans."""
+"""Load plays from files of plays, from run folders, of policies of the package, or from the best known plans."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from
 BEST: Final = "best"
 ORACLE: Final = ("analyses", "oracle-60fps.json")  # data of the package
 FPS: Final = 60  # of those plans
+POLICIES: Final = ("train", "weights")  # likewise
+SOURCES: Final = "a file of plays (JSON lines), a run folder, a policy of the package that plans in advance, or best"
 
 
 def load_plays(source: str | Path) -> list[Play]:
     """Return the plays of a source.
 
     Args:
-        source: a file of plays (JSON lines), a run folder of an evaluated agent that plans in advance, or "best" for
-            the best known plans at 60 steps a second.
+        source: a file of plays (JSON lines), a run folder of an evaluated agent that plans in advance, the name of such
+            a policy of the package, or "best" for the best known plans at 60 steps a second.
 
     Raises:
         FileNotFoundError, OSError, ValueError: one line that names the source and what was expected.
@@ -39,15 +41,18 @@ def each_play(source: str | Path) -> Iterator[Play]:
         yield from best_plays().values()
         return
     if not isinstance(source, str | Path) or "\0" in str(source):
-        raise ValueError(f"source: expected a file of plays, a run folder or {BEST}, got {show(source)}")
+        raise ValueError(f"source: expected {SOURCES}, got {show(source)}")
     path = Path(source)
+    if not path.exists() and is_policy(str(source)):
+        yield from _plays_of_policy(str(source))
+        return
     _refuse_others(str(source), path)
     yield from _plays_of_run(path) if path.is_dir() else iter_plays(path, required=True)
 
 
 def _refuse_others(source: str, path: Path) -> None:
     """Say what takes a scene or a data set, if that is what was given instead of plays; ValueError in one line."""
-    name, wanted = one_line(source), "expected a file of plays (JSON lines), a run folder or best"
+    name, wanted = one_line(source), f"expected {SOURCES}"
     if not path.exists() and source in ALL_GAMES:
         raise ValueError(f"{name}: {wanted}, got a game; `iphyre-jax render {name}` draws it")
     if path.suffix.lower() == ".npz" and path.is_file():
@@ -86,12 +91,25 @@ def _plays_of_run(path: Path) -> list[Play]:
         raise ValueError(f"{one_line(str(path))}: expected the settings of a run and an evaluation of its games")
     if not games:
         raise ValueError(f"{one_line(str(path))}: expected at least one play, got none")
-    return [_greedy_play(game, settings, path, k) for k, game in enumerate(games)]
+    agent, file = one_line(path.resolve().name).strip()[:MAX_NAME] or "run", one_line(str(path / "evaluation.json"))
+    return [_greedy_play(game, settings, agent, f"{file}: games[{k}]") for k, game in enumerate(games)]
 
 
-def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: int) -> Play:
+def is_policy(name: str) -> bool:
+    """Return whether the package has a trained policy of this name."""
+    return name == Path(name).name and files("iphyre_jax").joinpath(*POLICIES, f"{name}.json").is_file()
+
+
+def _plays_of_policy(name: str) -> list[Play]:
+    """Return the greedy plans of a policy of the package."""
+    file = f"{name}.json"
+    content: Any = parse_json(files("iphyre_jax").joinpath(*POLICIES, file).read_bytes(), file)
+    games = enumerate(content["scores"]["games"])
+    return [_greedy_play(game, content["settings"], name, f"{file}: games[{k}]") for k, game in games]
+
+
+def _greedy_play(game: object, settings: Mapping[str, Any], agent: str, source: str) -> Play:
     """Return the greedy plan of one game in an evaluation."""
-    source = f"{one_line(str(path / 'evaluation.json'))}: games[{index}]"
     if not isinstance(game, Mapping) or not isinstance(game.get("game"), str):
         raise ValueError(f"{source}: expected an object with the name of a game, got {show(game)}")
     seconds, fps = game.get("plan"), settings.get("fps", 10)
@@ -105,7 +123,6 @@ def _greedy_play(game: object, settings: Mapping[str, Any], path: Path, index: i
     plan = [-1 if second is None else round(second * fps) for second in seconds]
     scene = game.get("scene", game["game"])  # of a scene that is no game of the package
     blocks = len(read_scene_field(scene, source).eliminable_blocks)
-    agent = one_line(path.resolve().name).strip()[:MAX_NAME] or "run"
     fields = {"schema": SCHEMA, "version": VERSION, "agent": agent, "scene": scene, "plan": plan[:blocks]}
     physics = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
     return play_from_json(fields | physics, source)

@@ -306,4 +306,18 @@ def test_a_data_set_is_no_file_of_plays(command: list[str], tmp_path: Path, caps
     np.savez(tmp_path / "set.npz", game=np.zeros(1))
     with chdir(tmp_path):
         assert run([command[0], "set.npz", *command[1:]]) == 2
-    assert "set.npz: expected a file of plays (JSON lines), a run folder or best, got arrays" in capsys.readouterr().err
+    assert (
+        "set.npz: expected a file of plays (JSON lines), a run folder, a policy of the package that plans"
+        in capsys.readouterr().err
+    )
+
+
+def test_a_policy_of_the_package_is_a_source() -> None:
+    plays = {play.scene.name: play for play in load_plays("ppo-i")}
+    assert len(plays) == 50
+    assert (plays["hole"].agent, plays["hole"].fps, plays["hole"].resets) == ("ppo-i", 10, 2)
+    assert plays["support"].record().reward == pytest.approx(977.6)
+    with pytest.raises(ValueError, match=r"^ppo-o\.json: games\[0\]: plan: expected a plan, got none; only agents"):
+        load_plays("ppo-o")
+    with pytest.raises(FileNotFoundError, match=r"^\.\./weights/ppo-i: expected a file of plays"):
+        load_plays("../weights/ppo-i")

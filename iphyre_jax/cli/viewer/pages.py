@@ -24,7 +24,7 @@ from iphyre_jax.scenes import Scene, read_scene
 from iphyre_jax.scenes.library import is_game
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.train.reports.printing import print_table, say
-from iphyre_jax.viewer.load_plays import BEST, each_play, load_plays
+from iphyre_jax.viewer.load_plays import BEST, SOURCES, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
 from iphyre_jax.viewer.play.api import FPS, Api
 from iphyre_jax.viewer.play.server import PlayServer
@@ -38,7 +38,11 @@ class Replay:
 
     sources: Annotated[
         tyro.conf.Positional[tuple[str, ...]],
-        option("SOURCE ...", "Files of plays (JSON lines), run folders, or best (the best known plans).", ""),
+        option(
+            "SOURCE ...",
+            "Files of plays (JSON lines), run folders, policies such as ppo-i, or best (the best known plans).",
+            "",
+        ),
     ]
     out: Annotated[Path, option("FILE", "The page to write.", aliases=("-o",))] = Path("replay.html")
     games: Annotated[tuple[str, ...], option("GAME ...", "Show only plays of these games.", "all games")] = ()
@@ -52,7 +56,11 @@ class PlayPage:
     attempts: Annotated[Path, option("FILE", "File of plays to which each attempt is added.")] = Path("attempts.jsonl")
     agents: Annotated[
         tuple[str, ...],
-        option("SOURCE ...", "Files of plays and run folders to compare with, besides the best known plans.", "none"),
+        option(
+            "SOURCE ...",
+            "Files of plays, run folders, policies such as ppo-i to compare with, besides the best known plans.",
+            "none",
+        ),
     ] = ()
     scenes: Annotated[tuple[Path, ...], option("FILE ...", "Scene files to play besides the games.", "none")] = ()
     name: Annotated[str, option("NAME", "Your name in the file of attempts.")] = "you"
@@ -72,7 +80,7 @@ class Score:
 def replay(command: Replay, console: Console) -> None:
     """`iphyre-jax replay`."""
     if not command.sources:
-        raise ValueError("sources: expected at least one file of plays, run folder, or best")
+        raise ValueError(f"sources: expected at least one: {SOURCES}")
     check_output("out", command.out, (".html", ".htm"))
     plays = (play for source in command.sources for play in each_play(source))
     chosen = [play for play in plays if not command.games or play.scene.name in command.games]

@@ -18,7 +18,7 @@ from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES, SPLIT_OF
 from iphyre_jax.train.reports.printing import say
-from iphyre_jax.viewer.load_plays import BEST, each_play
+from iphyre_jax.viewer.load_plays import BEST, each_play, is_policy
 from iphyre_jax.viewer.plays import holds_plays
 from iphyre_jax.viewer.recording import Recording, record
 
@@ -48,8 +48,8 @@ class Render:
         option(
             "WHAT",
             "A game or a scene file: it is played under --plan. A split or all: a sheet of start positions. "
-            "A file of plays, a run folder or best (the best known plans): a sheet of final positions, "
-            "or with --game the plays of that game side by side.",
+            "A file of plays, a run folder, a policy such as ppo-i, or best (the best known plans): a sheet of final "
+            "positions, or with --game the plays of that game side by side.",
         ),
     ]
     out: Annotated[Path, option("FILE", "The file to write: .png, .gif or .mp4.", aliases=("-o",))]
@@ -138,9 +138,11 @@ def render(command: Render, console: Console) -> None:
 
 
 def _has_plays(what: str) -> bool:
-    """Return whether this is a folder, or a file of plays of whatever name; the names of games come first."""
+    """Return whether this is a folder, a file of plays of whatever name, or a policy; the names of games come first."""
     path = Path(what)
-    return what not in ("", *ALL_GAMES) and (path.is_dir() or (path.is_file() and holds_plays(path)))
+    if what in ("", *ALL_GAMES):
+        return False
+    return path.is_dir() or (holds_plays(path) if path.is_file() else is_policy(what))
 
 
 def _frame_look(command: Render, size: int) -> Look:
