@@ -55,7 +55,7 @@ PARTS = (
 STRANGERS = {"pymunk", "iphyre", "parity", "benchmarks", "tests"}
 ONLY_ABOVE_THE_CORE = {"flax", "optax", "orbax", "matplotlib", "rich", "tyro", "tensorboardX", "scipy"}
 ABOVE_THE_CORE = {"train", "models", "cli"}
-ADAPTED = {"gymnasium", "brax", "gymnax", "minari", "dm_env", "jumanji"}
+ADAPTED = {"gymnasium", "brax", "gymnax", "minari", "dm_env", "jumanji", "stable_baselines3"}
 
 
 def modules() -> list[tuple[str, Path]]:

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = {"train", "parity", "tensorboard", "viewer", "dev", "docs", "all", "browser"}
-EXTRAS |= {"brax", "dm-env", "gymnasium", "gymnax", "jumanji", "llm", "minari"}
+EXTRAS |= {"brax", "dm-env", "gymnasium", "gymnax", "jumanji", "llm", "minari", "sb3"}
 TARGETS = ("help", "venv", "run", "test", "test-fast", "lint", "parity", "wheel", "bench")
 
 
@@ -37,7 +37,7 @@ def test_requirements_have_lower_bounds_only() -> None:
     extras = project()["optional-dependencies"]
     assert set(extras) == EXTRAS
     for requirement in [*project()["dependencies"], *(entry for extra in extras.values() for entry in extra)]:
-        assert re.fullmatch(r"iphyre-jax\[[a-z,]+\]|[A-Za-z-]+(\[[a-z0-9]+\])?>=[0-9.]+", requirement), requirement
+        assert re.fullmatch(r"iphyre-jax\[[a-z,]+\]|[A-Za-z0-9-]+(\[[a-z0-9]+\])?>=[0-9.]+", requirement), requirement
 
 
 @pytest.mark.parametrize("target", TARGETS)

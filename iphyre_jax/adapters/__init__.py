@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from iphyre_jax.adapters.gymnax_ids import register_gymnax
     from iphyre_jax.adapters.host_pool import HostPool
     from iphyre_jax.adapters.jumanji_env import JumanjiEnv
+    from iphyre_jax.adapters.sb3_vec_env import SB3VecEnv
 
 __all__ = [
     "BraxEnv",
@@ -26,6 +27,7 @@ __all__ = [
     "GymnaxEnv",
     "HostPool",
     "JumanjiEnv",
+    "SB3VecEnv",
     "mend_brax",
     "register_gymnasium",
     "register_gymnax",
@@ -41,6 +43,7 @@ _HOME = {
     "GymnaxEnv": ("gymnax_env", None),
     "HostPool": ("host_pool", None),
     "JumanjiEnv": ("jumanji_env", "jumanji"),
+    "SB3VecEnv": ("sb3_vec_env", "sb3"),
     "mend_brax": ("brax_env", "brax"),
     "register_gymnasium": ("gymnasium_ids", "gymnasium"),
     "register_gymnax": ("gymnax_ids", None),
