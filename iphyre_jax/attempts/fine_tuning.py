@@ -60,7 +60,7 @@ class FineTuned:
 
         Args:
             k: attempts; the last batch may be smaller.
-            games: names, files or scenes.
+            games: names, files or scenes. The place of a game among them decides its random numbers.
             runs: how often the k attempts are made, with other random numbers.
             fps: physics steps a second, a multiple of 10; not only those of its training.
             resets: number of the reset.
@@ -71,9 +71,10 @@ class FineTuned:
         """
         check_whole("k", k, 1, MOST_ATTEMPTS)
         check_whole("runs", runs)
-        check_whole("batch", self.batch, 2)
+        check_whole("batch", self.batch, 2, MOST_ATTEMPTS)
         check_whole("seed", seed, 0, MAX_SEED)
         config = self._config(whole_fps(fps), check_resets(resets))
+        self._check_pretrained(config)
         scenes = load_scenes(games)
         parts = []
         for index, scene in enumerate(scenes):
@@ -82,6 +83,18 @@ class FineTuned:
                 parts.append(self._try(config, scene, k, key))
         stats = EpisodeStats(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return attempts_of(stats, [scene.name for scene in scenes], runs, k)
+
+    def _check_pretrained(self, config: TrainConfig) -> None:
+        """Refuse a state that is not of one policy with the network of the settings; ValueError in one line."""
+        if self.pretrained is None:
+            return
+        like = jax.eval_shape(lambda: init(config, jax.random.key(0))).params["policy"]
+        found, wanted = (
+            [(jax.tree_util.keystr(path), np.shape(leaf)) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
+            for tree in (self.pretrained.params.get("policy"), like)
+        )
+        if found != wanted:
+            raise ValueError("pretrained: expected the state of one policy, with the network of config")
 
     def _config(self, fps: int, resets: int) -> TrainConfig:
         """Settings of learning on one game: the same for all games, so that all share their programs."""

@@ -50,6 +50,7 @@ def policy_attempts(
     check_whole("seed", seed, 0, MAX_SEED)
     scenes = load_scenes(games)
     played = replace(config, fps=whole_fps(fps), resets=check_resets(resets))
+    played.check()  # not every policy can play at every rate
     agent = algorithm(played)
     policy: PolicyFn = partial(agent.sample_action, learner)
     if greedy_first:

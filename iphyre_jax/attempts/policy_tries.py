@@ -73,6 +73,8 @@ class PolicyTries:
         if self.config.strategy != "in-advance" or self.config.head != "time_grid":
             got = f"{self.config.strategy}, {self.config.head}"
             raise ValueError(f"config: expected a policy in advance with the head time_grid, got {show(got)}")
+        if not isinstance(algorithm(self.config), ActorCritic):
+            raise ValueError(f"config: expected ppo or a2c, got {show(self.config.agent)}")
 
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
         """Propose k plans, (k, S) s; without a judge the first of all is the greedy one."""

@@ -3,6 +3,9 @@
 Scenes are drawn in proportion to what can be learned from them, p (1 - p) for a scene that the policy solves with
 probability p, and a share of those that it has never played, as in prioritised level replay (Jiang et al. 2021). An
 update's scenes come from at most `pool_topologies`: with few, the groups of worlds that play side by side stay full.
+Topologies are drawn by the sum of their scenes' weights, then scenes among all of theirs by their own weights. So the
+size of a topology counts twice: scenes of large ones are played more often than in proportion, and over a run most
+scenes of the smallest are not played.
 
 Shapes: N scenes of the pool, n of them in an update.
 """

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from iphyre_jax.attempts.fine_tuning import FineTuned
+from iphyre_jax.train.algos.registry import init
+from iphyre_jax.train.ensemble import ensemble
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import preset
 from iphyre_jax.train.storage.pretrained import load_pretrained
@@ -52,3 +55,10 @@ def test_what_cannot_learn_so_is_refused() -> None:
         FineTuned(preset("dqn", "on-the-fly")).attempts(2, games=["support"])
     with pytest.raises(ValueError, match="batch"):
         FineTuned(replace(QUICK, seed=1), batch=1).attempts(2, games=["support"])
+    line = r"^pretrained: expected the state of one policy, with the network of config$"
+    wide = replace(QUICK, hidden_sizes=(16,))
+    states = [init(config, jax.random.key(seed)) for seed, config in enumerate((QUICK, QUICK, wide))]
+    together = ensemble([QUICK, replace(QUICK, seed=1)], states[:2])
+    for other in (states[2], together):
+        with pytest.raises(ValueError, match=line):
+            FineTuned(QUICK, other).attempts(2, games=["support"])

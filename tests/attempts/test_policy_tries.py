@@ -1,6 +1,7 @@
 import re
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
@@ -11,6 +12,8 @@ from iphyre_jax.models.outcome.storage import load_classifier
 from iphyre_jax.models.world.imagine import WorldImagination
 from iphyre_jax.models.world.storage import named_model
 from iphyre_jax.scenes import Limits, Scene, SceneBuilder, load_scene
+from iphyre_jax.train.algos.registry import init
+from iphyre_jax.train.settings.run import preset
 from iphyre_jax.train.storage.pretrained import load_pretrained
 
 SCENE = load_scene("support")
@@ -53,6 +56,9 @@ def test_other_heads_and_temperatures_are_refused() -> None:
     other = load_pretrained("ppo-o")
     with pytest.raises(ValueError, match=re.escape("config: expected a policy in advance with the head time_grid")):
         PolicyTries(other.config, other.state)
+    random = preset("random", "in-advance")
+    with pytest.raises(ValueError, match=r"^config: expected ppo or a2c, got 'random'$"):
+        PolicyTries(random, init(random, jax.random.key(0)))
 
 
 def test_a_judge_orders_the_tries_and_sees_the_times_of_the_steps() -> None:

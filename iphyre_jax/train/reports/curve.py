@@ -16,6 +16,9 @@ FILE = "curve.png"
 def draw_curve(run: Path, config: TrainConfig) -> None:
     """Draw the metrics.csv of a run into its curve.png.
 
+    Sampled are all episodes of an update, greedy those of the training games, by the policy before it. The paper's
+    lines are of whole splits, so they stand beside runs that play nothing else.
+
     Raises:
         ValueError, OSError: one line; metrics.csv holds something else, or the picture cannot be written.
     """
@@ -23,20 +26,25 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
 
     lines = read(run, ("episodes", "reward"), ("greedy_reward",))
     episodes = [int(line["episodes"]) for line in lines]
-    greedy = [(int(line["episodes"]), float(line["greedy_reward"])) for line in lines if line["greedy_reward"]]
+    before = [count - config.episodes_per_update for count in episodes]
+    measured = zip(before, (line["greedy_reward"] for line in lines), strict=True)
+    greedy = [(count, float(reward)) for count, reward in measured if reward]
     figure = Figure(figsize=(7, 4.2), dpi=130, layout="constrained")
     axes = figure.add_subplot()
     axes.plot(episodes, [float(line["reward"]) for line in lines], color="tab:blue", linewidth=1, label="sampled")
     if greedy:
         axes.plot(*zip(*greedy, strict=True), color="tab:orange", marker="o", markersize=3, label="greedy")
     reference = paper_numbers()["agents"]
-    if not config.games and config.split in reference["Human"]:
+    own = not (config.games or config.variations or config.scene_pool)  # else further scenes are among them
+    if own and config.split in reference["Human"]:
         for name, rate, style in ((config.paper_name, 10, "--"), ("Human", 60, ":")):
             if name in reference:
                 reward = reference[name][config.split][0]
                 label = f"paper: {name} ({rate} fps), {reward:.1f}"
                 axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=label)
-    axes.set(xlabel="episodes", ylabel=f"mean reward, {training_name(config)}", title=config.agent_name)
+    further = [*(["variations"] if config.variations else []), *(["generated scenes"] if config.scene_pool else [])]
+    played = " and ".join([training_name(config), *further])
+    axes.set(xlabel="episodes", ylabel=f"mean reward, {played}", title=config.agent_name)
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
     with replacing(run / FILE) as draft:

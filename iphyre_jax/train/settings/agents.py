@@ -86,7 +86,8 @@ class PPO(PolicyGradient):
     kl_coef: float = 0.0
     """Weight at the start of the KL divergence from the policy before the update; 0 for none."""
     kl_target: float = 0.01
-    """The weight grows by half above twice this divergence (nats) and is halved below half of it."""
+    """The weight grows by half above twice this divergence (nats) and is halved below half of it: of the update's last
+    pass, where the column `kl` of metrics.csv is the mean of all passes."""
 
 
 @dataclass(frozen=True)

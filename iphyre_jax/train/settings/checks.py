@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type_hints
 
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
+from iphyre_jax.envs.strategies import strategy_named
 from iphyre_jax.scenes import SPLITS, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, hint, load_own_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
@@ -43,6 +44,9 @@ _NEEDS: Final[tuple[tuple[str, Callable[[TrainConfig], bool], tuple[str, ...]], 
     ("variations", lambda run: run.variations > 0, ("added_blocks",)),
     ("a scene_pool", lambda run: run.scene_pool != "", ("pool_scenes", "pool_share", "curriculum", "pool_topologies")),
     ("the network mlp", lambda run: run.network == "mlp", ("center_obs", "activation")),
+    ("a next decision", lambda run: run.strategy != "in-advance", ("gamma", "gae_lambda", "n_step", "tau")),
+    ("an agent that learns", lambda run: run.agent != "random", ("hidden_sizes",)),
+    ("normalize_advantage", lambda run: getattr(run.learner, "normalize_advantage", "") != "none", ("std_floor",)),
     ("a critic", lambda run: getattr(run.learner, "critic", True), ("vf_coef", "value_clip")),
     ("a kl_coef", lambda run: getattr(run.learner, "kl_coef", 1) > 0, ("kl_target",)),
 )
@@ -100,8 +104,12 @@ def check_start(config: TrainConfig, base: TrainConfig) -> None:
         most = MAX_STEPS // (getattr(learner, "epochs", 1) * learner.minibatches)
         _require(config, "updates", config.updates <= most, f"at most {most}, for the schedule of the learning rate")
     if isinstance(learner, OffPolicy):
+        decisions = strategy_named(config.strategy).decisions
+        _require(learner, "n_step", learner.n_step <= decisions, f"at most {decisions}, the decisions of an episode")
         kept = learner.capacity(config.decisions_per_update)
         _require(learner, "warmup", learner.warmup <= kept, f"at most {kept}, the transitions that are kept")
+    if getattr(learner, "kl_coef", 0) > 0:
+        _require(learner, "kl_target", getattr(learner, "kl_target", 0) > 0, "a positive number with a kl_coef")
     if isinstance(learner, DQN):
         _require(learner, "no_op_prob", 0 < learner.no_op_prob < 1, "a number between 0 and 1")
 

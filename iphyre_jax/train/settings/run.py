@@ -67,7 +67,7 @@ class TrainConfig:
 
     curriculum: Literal["learnability", "uniform"] = "learnability"
     """How scenes of the pool are drawn: in proportion to p (1 - p), where the policy solves a share p of episodes, and
-    some that it never played; or all alike."""
+    some that it never played; or all alike. With few `pool_topologies`, scenes of common topologies come more often."""
 
     pool_topologies: int = 4
     """The scenes that the pool gives to an update have at most so many topologies. Few keep the groups of worlds that

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from iphyre_jax import SPLITS
-from iphyre_jax.train.settings.agents import DDPG, DQN, PPO
+from iphyre_jax.train.settings.agents import DDPG, DQN, PPO, SAC
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.presets import AGENTS
 from iphyre_jax.train.settings.run import TrainConfig, preset
@@ -96,6 +96,8 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no topology": ({"pool_topologies": 0}, "pool_topologies: expected at least 1"),
 }
 
+COMBINED: dict[str, Any] = {"strategy": "combined"}
+SAC_C: dict[str, Any] = COMBINED | {"agent": "sac", "head": "tanh_normal"}
 USELESS: dict[str, tuple[dict[str, Any], str]] = {
     "too few episodes to share": (
         {"scene_pool": "pool.npz", "episodes_per_scene": 32},
@@ -109,9 +111,20 @@ USELESS: dict[str, tuple[dict[str, Any], str]] = {
         {"updates": 200_000_000, "learner": PPO(minibatches=4, epochs=4)},
         "updates: expected at most 134217727, for the schedule of the learning rate, got 200000000",
     ),
-    "discount": ({"learner": PPO(gamma=5.0)}, "gamma: expected at most 1, got 5.0"),
-    "lambda": ({"learner": PPO(gae_lambda=3.0)}, "gae_lambda: expected at most 1, got 3.0"),
-    "share of a target": (DDPG_I | {"learner": DDPG(tau=2.0)}, "tau: expected at most 1, got 2.0"),
+    "discount": (COMBINED | {"learner": PPO(gamma=5.0, samples_per_update=1024)}, "gamma: expected at most 1, got 5.0"),
+    "lambda": (
+        COMBINED | {"learner": PPO(gae_lambda=3.0, samples_per_update=1024)},
+        "gae_lambda: expected at most 1, got 3.0",
+    ),
+    "share of a target": (SAC_C | {"learner": SAC(tau=2.0)}, "tau: expected at most 1, got 2.0"),
+    "more steps than an episode has": (
+        SAC_C | {"learner": SAC(n_step=8)},
+        "n_step: expected at most 7, the decisions of an episode, got 8",
+    ),
+    "a weight that grows for ever": (
+        {"learner": PPO(kl_coef=0.2, kl_target=0.0)},
+        "kl_target: expected a positive number with a kl_coef, got 0.0",
+    ),
     "learning that never begins": (
         DDPG_I | {"games": ("hole",), "learner": DDPG(buffer_size=500)},
         "warmup: expected at most 500, the transitions that are kept, got 1000",
@@ -196,6 +209,15 @@ def test_settings_cannot_change() -> None:
             "activation: expected none without the network mlp, as nothing would read it, got 'relu'",
         ),
         ({"learner": PPO(vf_coef=0.1)}, "vf_coef: expected none without a critic, as nothing would read it, got 0.1"),
+        (
+            {"learner": PPO(gamma=0.5)},
+            "gamma: expected none without a next decision, as nothing would read it, got 0.5",
+        ),
+        (DDPG_I | {"learner": DDPG(tau=0.5)}, "tau: expected none without a next decision, as nothing would read it"),
+        (
+            {"learner": PPO(normalize_advantage="none", std_floor=9.0)},
+            "std_floor: expected none without normalize_advantage, as nothing would read it, got 9.0",
+        ),
         ({"learner": PPO(kl_target=0.1)}, "kl_target: expected none without a kl_coef, as nothing would read it"),
     ],
 )
