@@ -22,12 +22,12 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
-from iphyre_jax.scenes import GAMES, SPLITS, SceneLike
-from iphyre_jax.scenes.library import ALL_GAMES, load_own_scenes
+from iphyre_jax.scenes import GAMES, SPLITS, SceneLike, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, load_own_scenes
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
-from iphyre_jax.train.evaluate import OWN, Evaluation, evaluate
+from iphyre_jax.train.evaluate import OTHER, OWN, Evaluation, evaluate
 from iphyre_jax.train.reports import compare
 from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, other_splits, split_rows
@@ -176,7 +176,9 @@ def _run(command: TrainingCommand, console: Console) -> int:
 
 def _evaluated(config: TrainConfig, unseen: bool = False, scenes: Sequence[Path] = ()) -> tuple[SceneLike, ...]:
     """The games and scenes that a policy is evaluated on; those of one's own come last, see `evaluate`."""
-    return (*(ALL_GAMES if unseen else GAMES), *load_own_scenes(config.games), *scenes)
+    own = load_own_scenes((*config.games, *scenes))
+    check_names_differ("scenes", [*map(load_scene, ALL_GAMES), *own])
+    return (*(ALL_GAMES if unseen else GAMES), *own)
 
 
 def _others(config: TrainConfig) -> tuple[str, ...]:
@@ -187,7 +189,8 @@ def _others(config: TrainConfig) -> tuple[str, ...]:
 def _finish(result: loop.TrainingResult, console: Console, evaluated: bool) -> int:
     """Evaluate a finished run, if asked to; say how to continue an unfinished one."""
     if not result.finished:
-        say(console, f"Saved in {result.folder}; `iphyre-jax resume {result.folder}` continues it,")
+        option = "" if evaluated else " --no-evaluate"
+        say(console, f"Saved in {result.folder}; `iphyre-jax resume {result.folder}{option}` continues it,")
         say(console, f"`iphyre-jax evaluate {result.folder}` evaluates it as it is.")
         return INTERRUPTED
     if not evaluated:
@@ -248,8 +251,9 @@ def _print_attempts(
     table = Table(box=box.SIMPLE, pad_edge=False)
     for title in ("", *columns):
         table.add_column(title, justify="right" if title else "left")
-    own = [name for name in tried.games if name not in ALL_GAMES]
-    for split, names in {**SPLITS, "all": GAMES, OWN: own}.items():
+    own = [scene.name for scene in load_own_scenes(config.games)]
+    others = [name for name in tried.games if name not in (*ALL_GAMES, *own)]
+    for split, names in {**SPLITS, "all": GAMES, OWN: own, OTHER: others}.items():
         rows = [tried.games.index(name) for name in names if name in tried.games]
         if not rows:
             continue

@@ -114,8 +114,8 @@ def load_scenes(scenes: object, limits: Limits | None = None) -> tuple[Scene, ..
 
 
 def load_own_scenes(scenes: Sequence[SceneLike]) -> tuple[Scene, ...]:
-    """Load those scenes that are no games of the package; a file may hold a game. Errors as of `load_scene`."""
-    return tuple(scene for scene in map(load_scene, dict.fromkeys(scenes)) if not is_game(scene))
+    """Load those scenes that are no games of the package, each once; a file may hold a game. Errors as `load_scene`."""
+    return tuple(scene for scene in dict.fromkeys(map(load_scene, scenes)) if not is_game(scene))
 
 
 def check_games(games: object) -> tuple[str, ...]:

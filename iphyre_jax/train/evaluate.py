@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import jax
@@ -13,7 +14,7 @@ import numpy as np
 
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scenes, scene_to_dict
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scene, load_scenes, scene_to_dict
 from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
@@ -26,7 +27,7 @@ SCHEMA = "iphyre_jax/evaluation"
 VERSION = 3
 READABLE = (2, 3)  # version 2 has older names of settings, and the same games
 MEANS = ("reward", "success", "eliminations", "seconds")
-OWN: Final = "own"  # the split of scenes that are no games of the package
+OWN, OTHER = "own", "other"  # splits of scenes that are no games of the package: those trained on, and others
 _FORTY: Final = tuple(split for split in SPLITS if split != "unseen_basic")
 SEED_STREAM = 1  # folded into the run's seed; training derives its keys from the same one, for draws of other shapes
 
@@ -52,7 +53,7 @@ class GameScore:
 
     game: str
     split: str
-    """Its split, or OWN."""
+    """Its split, OWN or OTHER."""
     greedy: Score
     sampled: Score
     plan: tuple[float | None, ...]
@@ -77,8 +78,8 @@ class Evaluation:
 
     @property
     def splits(self) -> tuple[str, ...]:
-        """The splits that occur, in the paper's order, then OWN."""
-        return tuple(split for split in (*SPLITS, OWN) if any(game.split == split for game in self.games))
+        """The splits that occur, in the paper's order, then OWN and OTHER."""
+        return tuple(split for split in (*SPLITS, OWN, OTHER) if any(game.split == split for game in self.games))
 
     def mean(self, kind: str, split: str = "all") -> Score:
         """Mean over the games of a split, or over the paper's forty for "all"; kind is "greedy" or "sampled"."""
@@ -130,11 +131,12 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[SceneLike] = G
     policy = preferring_where(first, agent.greedy_policy(learner), partial(agent.sample_action, learner))
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
     stats = rollout_collector(config, scenes).collect(policy, key, episodes)[1]
+    trained_on = {load_scene(game) for game in config.games if Path(game).is_file()}
     which, plans = np.repeat(np.arange(len(scenes)), episodes), _plans(config, learner, scenes)
     scores = tuple(
         GameScore(
             game=scene.name,
-            split=SPLIT_OF[scene.name] if is_game(scene) else OWN,
+            split=SPLIT_OF[scene.name] if is_game(scene) else OWN if scene in trained_on else OTHER,
             greedy=_score(stats, (which == index) & first),
             sampled=_score(stats, (which == index) & ~first),
             plan=plans[index],

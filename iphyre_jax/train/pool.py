@@ -96,7 +96,8 @@ def _load(config: TrainConfig) -> list[GeneratedScenes]:
         raise ValueError(f"scene_pool: expected {named} with SHA-256 {config.pool_sha256}, got {found}: it was changed")
     generated = [load_generated(file) for file in files]
     if (most := sum(map(len, generated))) < config.pool_scenes:
-        raise ValueError(f"pool_scenes: expected at most {most}, as {named} holds, got {config.pool_scenes}")
+        wanted = f"at most {most}, as {named} holds"
+        raise ValueError(f"pool_scenes: expected {wanted}, got {config.pool_scenes} (the preset's unless it is given)")
     return generated
 
 

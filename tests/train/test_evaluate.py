@@ -11,9 +11,9 @@ import pytest
 
 from iphyre_jax.cli import main as cli
 from iphyre_jax.cli import train as train_commands
-from iphyre_jax.scenes import Limits, Scene, load_scene, write_scene
+from iphyre_jax.scenes import GAMES, Limits, Scene, load_scene, write_scene
 from iphyre_jax.train.algos.registry import init
-from iphyre_jax.train.evaluate import OWN, Evaluation, evaluate
+from iphyre_jax.train.evaluate import OTHER, OWN, Evaluation, evaluate
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import runs
 from iphyre_jax.viewer.load_plays import load_plays
@@ -34,20 +34,23 @@ def found(*games: str | Path | Scene) -> Evaluation:
 def test_a_scene_of_ones_own_is_a_split_of_its_own(tmp_path: Path) -> None:
     write_scene(own(), tmp_path / "mine.json")
     game, unseen, mine = (together := found("support", "unseen_support", tmp_path / "mine.json")).games
-    assert (game.split, unseen.split, mine.split) == ("basic", "unseen_basic", OWN)
+    assert (game.split, unseen.split, mine.split) == ("basic", "unseen_basic", OTHER)
     assert (mine.game, mine.greedy, mine.plan) == ("mine", game.greedy, game.plan)
-    assert together.splits == ("basic", "unseen_basic", OWN)
-    assert together.mean("sampled", OWN) == mine.sampled
+    assert together.splits == ("basic", "unseen_basic", OTHER)
+    assert together.mean("sampled", OTHER) == mine.sampled
     assert together.mean("greedy") == game.greedy
     assert found("support", "unseen_support").games == (game, unseen)  # scenes behind change no action
     content = together.to_json()
     assert ["scene" in one for one in content["games"]] == [False, False, True]
-    assert set(content["splits"]) == {"basic", "unseen_basic", OWN}
+    assert set(content["splits"]) == {"basic", "unseen_basic", OTHER}
+    trained = replace(CONFIG, games=(str(tmp_path / "mine.json"),))
+    (again,) = evaluate(trained, STATE, [own()]).games
+    assert (again.split, again.greedy) == (OWN, mine.greedy)
 
 
 def test_a_scene_with_the_name_of_a_game_is_not_that_game() -> None:
     (game,) = found(own("hole", "support")).games
-    assert (game.game, game.split) == ("support", OWN)
+    assert (game.game, game.split) == ("support", OTHER)
     with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'support' twice$"):
         found("support", own("hole", "support"))
 
@@ -72,19 +75,35 @@ def test_the_commands_evaluate_what_a_run_was_trained_on(
         "mine",
     ]
     assert cli.run(["evaluate", "run", "--scenes", "other.json", "--attempts", "2"]) == 0
-    assert capsys.readouterr().out.count("Own scenes") == 5  # greedy, sampled; again; attempts
+    said = capsys.readouterr().out
+    assert (said.count("Own scenes"), said.count("Other scenes")) == (5, 3)  # greedy, sampled; own ones again; attempts
     assert "| trained on | mine.json, support.json, 10 physics" in Path("run", "evaluation.md").read_text()
     assert [(play.scene.name, play.scene == own()) for play in load_plays("run")] == [
         ("support", False),
         ("mine", True),
         ("other", False),
     ]
+    assert cli.run(["evaluate", "run", "--scenes", "mine.json", "support.json"]) == 0  # known ones count once
+    write_scene(own("support", "hole"), "hole.json")
+    monkeypatch.setattr(train_commands, "GAMES", GAMES)
+    assert cli.run(["evaluate", "run", "--scenes", "hole.json"]) == 2
+    assert "scenes: expected scenes of different names, got 'hole' twice" in capsys.readouterr().err
     write_scene(own("hole"), "mine.json")
     assert cli.run(["evaluate", "run"]) == 2
     assert "games: expected the scene that the run began with" in capsys.readouterr().err
+    Path("mine.json").unlink()
+    assert cli.run(["evaluate", "run"]) == 2
+    assert "mine.json: expected a scene file, but there is none" in capsys.readouterr().err
+    assert cli.run(["compare", "run"]) == 0  # which plays nothing
+    assert "Scenes of your own have no column here" in capsys.readouterr().out
 
 
 def test_a_run_whose_scenes_cannot_be_told_apart_does_not_start(tmp_path: Path) -> None:
     write_scene(own("hole", "support"), tmp_path / "one.json")
-    with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'support' twice$"):
+    with pytest.raises(ValueError, match=r"^games: expected scenes that are not called as a game of the package, got"):
         replace(CONFIG, games=(str(tmp_path / "one.json"),)).check_start()
+    write_scene(own("hole"), tmp_path / "two.json")
+    write_scene(own("support"), tmp_path / "three.json")
+    two = tuple(str(tmp_path / f"{name}.json") for name in ("two", "three"))
+    with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'mine' twice$"):
+        replace(CONFIG, games=two).check_start()

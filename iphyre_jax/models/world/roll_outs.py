@@ -5,6 +5,7 @@ A frame is 0.1 s. Frame 0 is the start; frame k > 0 is one physics step after k 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ class RollOut(NamedTuple):
     real: Recording  # ten frames a second, up to the end of the play
     imagined: Recording  # up to its own end
     error: dict[str, Floats]  # (F,) px, mean over balls, in each frame of `real`: "model" and BOUNDS
+    removals: tuple[float, ...]  # s, of the blocks that go before the end of the play
 
 
 def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> RollOut:
@@ -61,7 +63,8 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     real = real[: made + 1]
     # A recording's plan is the last frame in which a block is there.
     last = np.where(steps[0] == NEVER, NEVER, -(-steps[0] // EVERY))
-    shown = _recording(scene, last, real, bool(played.success[0]))
+    shown = replace(_recording(scene, last, real, bool(played.success[0])), reward=float(played.reward[0]))
+    removals = tuple(step / FPS for step in steps[0].tolist() if NEVER < step < int(played.steps[0]))
 
     gone = removal_instants([scene], np.zeros(1, np.int32), steps)
     at = instants(steps[0])
@@ -78,7 +81,8 @@ def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> Roll
     }
     low = dreams["model"][:, balls, 1].min(axis=-1) > GOAL_Y
     end = int(low.argmax()) if low.any() else len(low) - 1
-    return RollOut(shown, _recording(scene, imagined_last, dreams["model"][: end + 1], bool(low.any())), error)
+    imagined = _recording(scene, imagined_last, dreams["model"][: end + 1], bool(low.any()))
+    return RollOut(shown, imagined, error, removals)
 
 
 def frame_seconds(frame: Any) -> Any:  # noqa: ANN401 - numbers, or one
@@ -127,9 +131,8 @@ def draw_errors(path: Path, found: RollOut, title: str) -> None:
     for name, values in found.error.items():
         seconds = np.maximum(frame_seconds(np.arange(len(values))), 0)
         axes.plot(seconds, np.maximum(values, 1e-2), label=name, linewidth=2 if name == "model" else 1)
-    for step in found.real.plan:
-        if 0 <= step < len(found.real.poses):
-            axes.axvline(frame_seconds(step), color="grey", linewidth=0.8, linestyle=":")
+    for k, second in enumerate(found.removals):
+        axes.axvline(second, color="grey", linewidth=0.8, linestyle=":", label="" if k else "removals")
     axes.set(title=title, xlabel="s", ylabel="error of balls, px", yscale="log", ylim=(1e-2, 1e3))
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")

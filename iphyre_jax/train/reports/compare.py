@@ -20,9 +20,9 @@ from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import flat, in_words
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
+from iphyre_jax.train.evaluate import MEANS, OTHER, OWN, READABLE, SCHEMA
 from iphyre_jax.train.reports.printing import print_table
-from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table
+from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, training_name
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, runs
@@ -41,6 +41,7 @@ class Evaluated:
     config: TrainConfig
     games: Mapping[str, Mapping[str, Any]]  # name -> what evaluation.json says of it
     updates: int  # that its policy was trained for
+    scenes: tuple[str, ...] = ()  # SHA-256 sums of the scene files that it was trained on
 
     def scores(self, kind: str, split: str, value: str = "reward") -> list[float]:
         """A value of each game of a split, or of the forty for "all"; nothing if one of them was not played."""
@@ -59,17 +60,18 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Agent, preset, action head, observation, the network unless it is an MLP, a prediction, and other scenes.
+        """Agent, preset, action head, observation, the network unless it is an MLP, a prediction, and the scenes.
 
         Of a policy from the middle of a run, the updates too.
         """
         config, updates = self.config, self.seeds[0].updates
         parts = [f"{config.paper_name} {config.preset}", config.head, config.observation]
         parts += [config.network] if config.network != "mlp" else []
+        on = [f"on {training_name(config)}"] if config.games or config.split != "basic" else []
         besides = [*(["varied"] if config.variations else []), *(["generated"] if config.scene_pool else [])]
         predicted = [f"prediction {Path(config.prediction).name}"] if config.prediction else []
         part = [f"{updates} of {config.updates} updates"] if updates != config.updates else []
-        return ", ".join([*parts, *predicted, *besides, *part])
+        return ", ".join([*parts, *predicted, *on, *besides, *part])
 
     def summary(self, kind: str, split: str, value: str = "reward") -> Summary | None:
         """Over the seeds; None if not all games of the split were played."""
@@ -80,10 +82,10 @@ class Row:
 def names(agents: Sequence[Row]) -> list[str]:
     """The names of rows; of equal ones, each with the settings in which they differ."""
     found = [row.name for row in agents]
-    settings = [flat(row.config.to_json()) for row in agents]
+    settings = [flat(row.config.to_json()) | {"scenes_sha256": " ".join(row.seeds[0].scenes)} for row in agents]
     for name in set(found):
         alike = [k for k, one in enumerate(found) if one == name]
-        keys = dict.fromkeys(key for k in alike for key in settings[k] if key != "seed")
+        keys = dict.fromkeys(key for k in alike for key in settings[k] if key not in ("seed", "games"))
         differing = [key for key in keys if len({repr(settings[k].get(key)) for k in alike}) > 1]
         for k in alike if len(alike) > 1 else ():
             shown = ((key, in_words(settings[k].get(key))) for key in differing)
@@ -107,7 +109,7 @@ def read(path: Path) -> Evaluated:
     if not isinstance(made, str) or not (found := UPDATES.match(made)):
         raise ValueError(f"{file}: updates trained: expected N of {config.updates}, ..., got {show(made)}")
     games = {game["game"]: game for game in _checked_games(content.get("games"), file)}
-    return Evaluated(path, config, games, int(found[1]))
+    return Evaluated(path, config, games, int(found[1]), runs.scene_sums_of(path))
 
 
 def _checked_games(games: object, file: Path) -> list[dict[str, Any]]:
@@ -130,16 +132,16 @@ def _checked_games(games: object, file: Path) -> list[dict[str, Any]]:
 
 
 def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
-    """One row for all runs of as many updates whose settings differ only in the seed, in the order given.
+    """One row for all runs of as many updates whose settings differ only in the seed, and scenes not at all.
 
     Raises:
         ValueError: one line; there are no runs, two have the same seed, or rates differ.
     """
     if not evaluated:
         raise ValueError("runs: expected at least one run folder")
-    groups: dict[tuple[TrainConfig, int], list[Evaluated]] = {}
+    groups: dict[tuple[TrainConfig, int, tuple[str, ...]], list[Evaluated]] = {}
     for run in evaluated:
-        groups.setdefault((dataclasses.replace(run.config, seed=0), run.updates), []).append(run)
+        groups.setdefault((dataclasses.replace(run.config, seed=0), run.updates, run.scenes), []).append(run)
     rates = sorted({run.config.fps for run in evaluated})
     if len(rates) > 1:
         raise ValueError(f"runs: expected one frame rate, got {', '.join(map(str, rates))}: rates never share a table")
@@ -213,6 +215,8 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
         print_table(console, shown)
     console.print("Mean over seeds and share solved, [95 % t interval], interquartile mean.")
     console.print(RATES_OF_PAPER)
+    if any(game.get("split") in (OWN, OTHER) for row in agents for seed in row.seeds for game in seed.games.values()):
+        console.print("Scenes of your own have no column here; the evaluation.md of each run has their scores.")
     if curves is not None:
         draw_curves(curves, agents)
     if bars is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 
 from iphyre_jax.files import replacing
 from iphyre_jax.paper import paper_numbers
@@ -44,7 +45,8 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
                 axes.axhline(reward, color="grey", linestyle=style, linewidth=1, label=label)
     further = [*(["variations"] if config.variations else []), *(["generated scenes"] if config.scene_pool else [])]
     played = " and ".join([training_name(config), *further])
-    axes.set(xlabel="episodes", ylabel=f"mean reward, {played}", title=config.agent_name)
+    axes.set(xlabel="episodes", ylabel="mean reward")
+    axes.set_title("\n".join(wrap(config.agent_name, 72) + wrap(f"trained on {played}", 72)), fontsize="medium")
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
     with replacing(run / FILE) as draft:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from iphyre_jax.paper import paper_numbers
-from iphyre_jax.train.evaluate import OWN, Evaluation
+from iphyre_jax.train.evaluate import OTHER, OWN, Evaluation
 from iphyre_jax.train.settings.run import TrainConfig
 
 COLUMNS = ("basic", "noisy", "compositional", "multi_ball", "all")
@@ -20,6 +20,7 @@ TITLES = {
     "multi_ball": "Multi-ball",
     "unseen_basic": "Unseen basic",
     OWN: "Own scenes",
+    OTHER: "Other scenes",
     "all": "All 40",
 }
 
@@ -126,7 +127,7 @@ def _game_table(evaluation: Evaluation) -> str:
     header = ["game", "split", "greedy", "solved", "sampled", "success %", "plan, s", "paper PPO-I", "paper Human"]
     rows = []
     for score in evaluation.games:
-        there = paper.get(score.game, {}) if score.split != OWN else {}
+        there = paper.get(score.game, {}) if score.split not in (OWN, OTHER) else {}
         rows.append(
             [
                 score.game,

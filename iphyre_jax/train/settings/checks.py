@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal, get_args, get_origin, get_type
 from iphyre_jax.checks import MAX_RESETS, check_option, show, whole_fps
 from iphyre_jax.envs.strategies import strategy_named
 from iphyre_jax.scenes import SPLITS, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, hint, load_own_scenes
+from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, hint, load_own_scenes, looks_like_path
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS, DQN, OffPolicy, PolicyGradient
 from iphyre_jax.train.settings.presets import AGENTS
@@ -92,8 +92,12 @@ def check_start(config: TrainConfig, base: TrainConfig) -> None:
             of, default = (config, base) if hasattr(config, name) else (learner, base.learner)
             unused = getattr(of, name, None) == getattr(default, name, None)
             _require(of, name, unused, f"none without {needed}, as nothing would read it")
-    evaluated = [*map(load_scene, ALL_GAMES), *load_own_scenes(config.games)]
-    check_names_differ("games", evaluated)
+    own = load_own_scenes(config.games)
+    for scene in own:
+        expected = f"scenes that are not called as a game of the package, got {show(scene.name)}; give it another name"
+        if scene.name in ALL_GAMES:
+            raise ValueError(f"games: expected {expected}")
+    check_names_differ("games", own)
     if config.scene_pool and config.pool_share < 1:
         expected = f"more, of which the games keep a group of {GROUP} beside a pool_share of {config.pool_share:g}"
         _require(config, "episodes_per_scene", config.pool_groups < config.groups, expected)
@@ -149,6 +153,8 @@ def _check_games(config: TrainConfig) -> None:
     """Refuse games that do not exist, scene files that are not valid and rates that do not fit."""
     for game in set(config.games).difference(ALL_GAMES):
         if not Path(game).is_file():
+            if looks_like_path(game):  # what plays it says that it is gone; a report of the run needs no file
+                continue
             raise ValueError(
                 f"games: expected names of games of the package or scene files, got {show(game)} ({hint(game)})"
             )

@@ -79,6 +79,12 @@ def create(path: Path, config: TrainConfig) -> None:
     replace_json(path / CONFIG, {**content, SCENES: scene_sums(config), "started": started, **provenance()})
 
 
+def scene_sums_of(path: Path) -> tuple[str, ...]:
+    """The sums of the scene files that a run began with, in the order of their names."""
+    written = read_json_object(path / CONFIG).get(SCENES)
+    return tuple(str(written[file]) for file in sorted(written)) if isinstance(written, dict) else ()
+
+
 def check_scenes(path: Path, config: TrainConfig) -> None:
     """Refuse to go on with other scenes than a run began with.
 
