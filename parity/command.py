@@ -1,11 +1,12 @@
-"""What the commands of `parity` and `benchmarks` share: checks of options, consoles, progress bars."""
+"""What the commands of `parity` and `benchmarks` share: checks of options, consoles, progress bars, how they end."""
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -15,6 +16,7 @@ from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import topology_of
 
 REPORT_WIDTH = 130  # columns
+Arguments = TypeVar("Arguments")
 _MOST = {"resets": 1000}  # the reference fills its space so often
 
 
@@ -85,3 +87,16 @@ def progress_bar(console: Console) -> Progress:
     return Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
     )
+
+
+def run(main: Callable[[Arguments], None], kind: type[Arguments]) -> int:
+    """Parse the command line and run a command; return 0, 2 for an error of one line, 130 if it was interrupted."""
+    try:
+        main(tyro.cli(kind))
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on", file=sys.stderr)
+        return 130
+    except (ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0

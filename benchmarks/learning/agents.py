@@ -21,7 +21,6 @@ from rich.console import Console
 
 import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to the trainer
 from benchmarks.learning.agents_document import document
-from benchmarks.learning.command import run
 from benchmarks.learning.rows import TableName, rows, without_sums
 from iphyre_jax.checks import check_whole
 from iphyre_jax.execution.configuration import configure
@@ -37,6 +36,7 @@ from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import runs
 from iphyre_jax.train.storage.pretrained import rounded, save_pretrained
 from iphyre_jax.train.trainer import RunState
+from parity.command import run
 
 SEEDS: Final = 5
 

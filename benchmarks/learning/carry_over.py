@@ -43,7 +43,6 @@ from benchmarks.learning.carry_over_rows import (
     ranking_of,
     rows,
 )
-from benchmarks.learning.command import run
 from benchmarks.learning.on_the_fly import counted
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.attempts.agents import draw_randomly
@@ -67,6 +66,7 @@ from iphyre_jax.train.pool import with_sum
 from iphyre_jax.train.settings.run import TrainConfig, preset
 from iphyre_jax.train.storage import checkpoint, runs
 from iphyre_jax.train.storage.pretrained import WEIGHTS, load_pretrained
+from parity.command import run
 
 SHIPPED: Final = "ppo-i-objects"  # the default preset, trained at 10 steps a second
 SHIPPED_RANKED: Final = f"{SHIPPED}-ranked"  # that policy, whose plans the shipped classifiers rank

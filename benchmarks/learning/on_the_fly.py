@@ -22,7 +22,6 @@ import jax
 import numpy as np
 
 from benchmarks.learning.agents import SEEDS, is_published
-from benchmarks.learning.command import run
 from benchmarks.learning.rows import rows as table_rows
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.files import read_json_object, replace_json, replace_text
@@ -38,6 +37,7 @@ from iphyre_jax.train.reports.statistics import Summary
 from iphyre_jax.train.scenes import variations
 from iphyre_jax.train.storage import runs
 from iphyre_jax.train.storage.pretrained import WEIGHTS, Pretrained, load_pretrained, save_pretrained
+from parity.command import run
 
 POLICIES: Final = ("ppo-o", "a2c-o", "sac-o", "dqn-o")
 SAMPLES: Final = 20  # episodes of a scene with sampled actions

@@ -25,6 +25,7 @@ from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import EpisodeStats, rollout_collector
 from iphyre_jax.train.settings.agents import A2C, PPO
 from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage.checkpoint import named_arrays
 
 BATCH: Final = 5  # attempts between two updates
 LEARNING_RATE: Final = 1e-3  # both were chosen on the unseen basic games
@@ -90,7 +91,7 @@ class FineTuned:
             return
         like = jax.eval_shape(lambda: init(config, jax.random.key(0))).params["policy"]
         found, wanted = (
-            [(jax.tree_util.keystr(path), np.shape(leaf)) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
+            {name: leaf.shape for name, leaf in named_arrays(tree).items()}
             for tree in (self.pretrained.params.get("policy"), like)
         )
         if found != wanted:

@@ -195,8 +195,7 @@ def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.A
     def act(key: jax.Array, obs: jax.Array) -> jax.Array:
         return environment.action_space().array(policy(key, obs))
 
-    own_key = jax.eval_shape(lambda one: jax.random.split(one)[0], key)
-    closed = jax.make_jaxpr(act)(own_key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
+    closed = jax.make_jaxpr(act)(key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
     return _Traced(policy, str(closed.jaxpr), closed.jaxpr), [jnp.asarray(const) for const in closed.consts]
 
 

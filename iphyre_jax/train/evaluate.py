@@ -14,8 +14,8 @@ import numpy as np
 
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scene, load_scenes, scene_to_dict
-from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scenes, scene_to_dict
+from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game, load_own_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
@@ -131,7 +131,7 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[SceneLike] = G
     policy = preferring_where(first, agent.greedy_policy(learner), partial(agent.sample_action, learner))
     key = jax.random.fold_in(jax.random.key(config.seed), SEED_STREAM)
     stats = rollout_collector(config, scenes).collect(policy, key, episodes)[1]
-    trained_on = {load_scene(game) for game in config.games if Path(game).is_file()}
+    trained_on = load_own_scenes([game for game in config.games if Path(game).is_file()])
     which, plans = np.repeat(np.arange(len(scenes)), episodes), _plans(config, learner, scenes)
     scores = tuple(
         GameScore(

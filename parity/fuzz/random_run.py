@@ -14,9 +14,8 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-import iphyre_jax
-import parity
 from iphyre_jax import Scene
+from iphyre_jax.execution.compilation.description import source_sums
 from iphyre_jax.files import replace_text
 from parity.__main__ import PLAYS_A_TASK, Rate
 from parity.command import (
@@ -39,6 +38,8 @@ from parity.reports.tables import Section
 from parity.reports.targets_met import shortfall
 from parity.stages import Divergence
 from parity.tolerances import RANDOM_SHARE, RANDOM_STEP
+
+PARITY = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,7 @@ def _key(options: Options) -> dict[str, Any]:
 
 def _code_sum() -> str:
     """SHA-256 of all code of the package and of this comparison as it is now; a commit does not know of edits."""
-    total = hashlib.sha256()
-    for package in (iphyre_jax, parity):
-        for file in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
-            total.update(file.read_bytes())
-    return total.hexdigest()
+    return hashlib.sha256(repr((source_sums(), source_sums(PARITY))).encode()).hexdigest()
 
 
 def _done(log: Path, options: Options, tasks: list[tuple[int, Task]]) -> Iterator[tuple[int, list[GameResult]]]:

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.learning import agents, agents_document, carry_over, command
+from benchmarks.learning import agents, agents_document, carry_over
 from benchmarks.learning import rows as tables
 from iphyre_jax.train.reports import compare
+from parity import command
 from tests.train.reports.test_compare import run
 
 

@@ -49,9 +49,8 @@ def from_description(description: Json) -> Any:  # noqa: ANN401 - whatever was d
     return kind(**{name: from_description(part) for name, part in description.items() if name != "class"})
 
 
-def source_sums() -> dict[str, bytes]:
-    """Return the SHA-256 of each file of the package's code as it is now, by its path in the package."""
-    root = Path(__file__).parents[2]
+def source_sums(root: Path = Path(__file__).parents[2]) -> dict[str, bytes]:
+    """Return the SHA-256 of each file of code in a folder, by default the package's, by its path there."""
     sums = {}
     for path in sorted(root.rglob("*.py")):
         with suppress(FileNotFoundError):  # an editor's link to nowhere, or a file that an update removes

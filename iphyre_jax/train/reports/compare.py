@@ -20,7 +20,7 @@ from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import flat, in_words
 from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import GAMES, SPLITS
-from iphyre_jax.train.evaluate import MEANS, OTHER, OWN, READABLE, SCHEMA
+from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
 from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, training_name
 from iphyre_jax.train.reports.statistics import Summary, summary
@@ -82,7 +82,8 @@ class Row:
 def names(agents: Sequence[Row]) -> list[str]:
     """The names of rows; of equal ones, each with the settings in which they differ."""
     found = [row.name for row in agents]
-    settings = [flat(row.config.to_json()) | {"scenes_sha256": " ".join(row.seeds[0].scenes)} for row in agents]
+    scenes = [" ".join(content[:8] for content in row.seeds[0].scenes) for row in agents]
+    settings = [flat(row.config.to_json()) | {"scenes": own} for row, own in zip(agents, scenes, strict=True)]
     for name in set(found):
         alike = [k for k, one in enumerate(found) if one == name]
         keys = dict.fromkeys(key for k in alike for key in settings[k] if key not in ("seed", "games"))
@@ -141,7 +142,9 @@ def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
         raise ValueError("runs: expected at least one run folder")
     groups: dict[tuple[TrainConfig, int, tuple[str, ...]], list[Evaluated]] = {}
     for run in evaluated:
-        groups.setdefault((dataclasses.replace(run.config, seed=0), run.updates, run.scenes), []).append(run)
+        files = tuple(Path(game).name for game in run.config.games)  # whose sums say what is in them
+        alike = dataclasses.replace(run.config, seed=0, games=files)
+        groups.setdefault((alike, run.updates, run.scenes), []).append(run)
     rates = sorted({run.config.fps for run in evaluated})
     if len(rates) > 1:
         raise ValueError(f"runs: expected one frame rate, got {', '.join(map(str, rates))}: rates never share a table")
@@ -215,7 +218,7 @@ def report(paths: Sequence[Path], console: Console, *, curves: Path | None, bars
         print_table(console, shown)
     console.print("Mean over seeds and share solved, [95 % t interval], interquartile mean.")
     console.print(RATES_OF_PAPER)
-    if any(game.get("split") in (OWN, OTHER) for row in agents for seed in row.seeds for game in seed.games.values()):
+    if any("scene" in game for row in agents for seed in row.seeds for game in seed.games.values()):
         console.print("Scenes of your own have no column here; the evaluation.md of each run has their scores.")
     if curves is not None:
         draw_curves(curves, agents)

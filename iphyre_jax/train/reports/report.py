@@ -127,7 +127,7 @@ def _game_table(evaluation: Evaluation) -> str:
     header = ["game", "split", "greedy", "solved", "sampled", "success %", "plan, s", "paper PPO-I", "paper Human"]
     rows = []
     for score in evaluation.games:
-        there = paper.get(score.game, {}) if score.split not in (OWN, OTHER) else {}
+        there = paper.get(score.game, {}) if score.scene is None else {}
         rows.append(
             [
                 score.game,

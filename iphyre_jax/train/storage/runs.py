@@ -80,9 +80,9 @@ def create(path: Path, config: TrainConfig) -> None:
 
 
 def scene_sums_of(path: Path) -> tuple[str, ...]:
-    """The sums of the scene files that a run began with, in the order of their names."""
+    """The sums of the scene files that a run began with, sorted: wherever the files lay."""
     written = read_json_object(path / CONFIG).get(SCENES)
-    return tuple(str(written[file]) for file in sorted(written)) if isinstance(written, dict) else ()
+    return tuple(sorted(map(str, written.values()))) if isinstance(written, dict) else ()
 
 
 def check_scenes(path: Path, config: TrainConfig) -> None:

@@ -65,6 +65,21 @@ def test_a_policy_from_the_middle_of_a_run_has_a_row_of_its_own() -> None:
     assert [cells[1] for cells in compare.table([whole, part], "greedy")[:2]] == ["2", "1"]
 
 
+def test_seeds_share_the_contents_of_their_scene_files() -> None:
+    """Wherever the files lay; a file that was edited is another scene."""
+    config = dataclasses.replace(preset("ppo", "in-advance", "quick"), games=("/a/mine.json",))
+    elsewhere = dataclasses.replace(config, games=("/b/mine.json",))
+    same = [
+        dataclasses.replace(run(one, seed, 1.0), scenes=("1" * 64, "2" * 64))
+        for seed, one in enumerate((config, elsewhere))
+    ]
+    edited = dataclasses.replace(run(config, 2, 1.0), scenes=("1" * 64, "3" * 64))
+    rows = compare.rows([*same, edited])
+    assert [len(row.seeds) for row in rows] == [2, 1]
+    name = f"PPO-I quick, {config.head}, official, on mine.json"
+    assert compare.names(rows) == [f"{name}, scenes 11111111 22222222", f"{name}, scenes 11111111 33333333"]
+
+
 def test_rates_never_share_a_table() -> None:
     config = preset("ppo", "combined")
     with pytest.raises(ValueError, match=r"expected one frame rate, got 10, 60"):
