@@ -86,7 +86,8 @@ CHOSEN: Final = {
     "confident": "after `refined` had been played: its first tries lost `fill`, a basic game that the policies "
     "solve. The gain was chosen at 10 steps a second on the basic games, with five policies, and on the generated "
     "scenes and variations, where it costs 2 to 14 points, with three. On unseen basic games and held-out scenes "
-    "`confident` is the better one at 10 steps a second, and `refined` at 60. Before it, `ppo-i-objects-ranked` was "
+    "`confident` is ahead at 10 steps a second. At 60 held-out scenes do not tell the two apart, and on unseen basic "
+    "games `refined` is ahead by one game of one seed. Before it, `ppo-i-objects-ranked` was "
     "played without the gain: 668.7 points at the first try at 10 steps a second, 674.0 at 60",
     "refined-again": "after `confident` had been played. A third refinement was planned then; its variations, and that "
     "it is kept, was chosen at 10 steps a second with five policies on 800 other variations of the basic games (741 "

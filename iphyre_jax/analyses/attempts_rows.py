@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from iphyre_jax.analyses.figures import COLUMNS
+from iphyre_jax.analyses.figures import COLUMNS, share
 from iphyre_jax.analyses.oracle import RESETS
 from iphyre_jax.analyses.people import success_rates as success_of_people
 from iphyre_jax.analyses.shipped import policies, shipped_model
@@ -154,16 +154,18 @@ def document(tables: Mapping[int, Mapping[str, Row]], missing: Mapping[int, Sequ
     parts = [
         "# Attempts",
         "Written by `iphyre-jax analyse attempts`. AUCCESS@k: area under the share of games solved within 1, ..., k "
-        "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games. Attempts after a success "
-        "are made too. Classifiers judge different random plans and play the best; a planner imagines them. "
+        "attempts, weighted as PHYRE does. In brackets: 95 % bootstrap interval over games, "
+        f"which is too narrow where nearly all of ten games agree: ten of ten is known to be above "
+        f"{100 * share(10, 10).low:.0f} % only (Wilson). Attempts after a success are made too. "
+        "Classifiers judge different random plans and play the best; a planner imagines them. "
         "Improve best, outcomes, draws random plans until one solves the game, so that it solves as many as random "
         "plans do; with trajectories it changes until then the attempt whose highest ball came lowest. Planners "
         "imagine each plan in three displaced copies, and have two runs; most others have five. "
-        "Shipped policies, each the best of five seeds on the basic games and their unseen layouts, and the sequence "
-        "model, one seed, try their greedy plan first, then sample; the world model is the best of three seeds by "
-        "outcomes in unseen basic. The policy "
-        f"that is fine-tuned learns on the game after each {BATCH} attempts, beside one like it that begins from "
-        "scratch. The hand-written "
+        "Shipped policies and the sequence model, each the best of five seeds on the basic games and their unseen "
+        "layouts, try their greedy plan first, then sample. Classifiers are the best of five seeds by the outcomes of "
+        "held-out plays of these games, the world model of three by those in unseen basic. The policy that is "
+        f"fine-tuned learns on the game after its greedy attempt and {BATCH} sampled ones, and after each {BATCH} "
+        f"more, so not yet within {BATCH} attempts; beside it one like it that begins from scratch. The hand-written "
         f"replies are no model's: they show that the language-model agent works. Physics: {DTYPE}; of policies: "
         "as they were trained. A policy that was trained at another rate says so. A row of k attempts has no figure "
         "beyond k; one that always repeats itself keeps its first.",

@@ -100,7 +100,7 @@ def agreement(rows: Mapping[str, Row], games: Sequence[str] = GAMES) -> Estimate
 
 
 def solvers(game: str) -> int:
-    """Return how many of the paper's twelve agents solve a game."""
+    """Return how many of the paper's eleven agents that learn solve a game."""
     scores = paper_numbers()["per_game"][game]
     return sum(value > 0 for name, value in scores.items() if name not in ("Human", "Random"))
 

@@ -17,6 +17,7 @@ from iphyre_jax.scenes import GAMES, Scene
 from iphyre_jax.train.reports.report import markdown_table
 
 FIRST_LOOK: Final = 8  # steps to each side; the next look is twice as wide
+BOUNDS: Final = (0.5, 2.0)  # s; at either rate they part the games into about equal thirds, and no games of like slack
 
 
 def slack_of(scene: Scene, plan: npt.NDArray[np.int64], fps: int, resets: int) -> list[float | None]:
@@ -77,7 +78,8 @@ def document(oracles: Mapping[int, Mapping[str, Row]], policies: Sequence[Policy
         "# Slack",
         "Written by `iphyre-jax analyse slack`. Smallest width, over the removals of the best plan, of the interval in "
         "which that removal may fall: how exact the timing must be. Policies: shipped ones (each the best of "
-        "five seeds), share of 20 sampled episodes solved, mean over the games of each third.",
+        "five seeds), share of 20 sampled episodes solved, mean over the games of each range of slack; Spearman's "
+        "rank correlation of the two over all of these games.",
     ]
     for fps, rows in oracles.items():
         least = {game: width for game, row in rows.items() if (width := least_slack(row)) is not None}
@@ -88,19 +90,31 @@ def document(oracles: Mapping[int, Mapping[str, Row]], policies: Sequence[Policy
             f"## {fps} steps a second",
             markdown_table(["game", "smallest slack, s"], [[game, f"{least[game]:.3f}"] for game in ordered]),
         ]
-        thirds = [[str(game) for game in part] for part in np.array_split(np.array(ordered), 3)]
-        names = [f"{least[part[0]]:.2f} to {least[part[-1]]:.2f} s" for part in thirds]
+        if others := [game for game in GAMES if game not in least]:
+            parts.append(f"No plan known, or the best one removes nothing: {', '.join(others)}.")
+        parted = ranges(least)
         cells = []
         for policy in policies:
             if policy.fps != fps:
                 continue
             solved = policy.values("sampled", "success")
             found = spearman([least[game] for game in ordered], [solved[game] for game in ordered])
-            shares = [f"{100 * float(np.mean([solved[game] for game in part])):.0f}" for part in thirds]
+            shares = [f"{100 * float(np.mean([solved[game] for game in part])):.0f}" for part in parted.values()]
             cells.append([policy.name, *shares, f"{found:.2f}"])
         if cells:
-            parts.append(markdown_table(["policy: solved % by slack", *names, "Spearman"], cells))
+            parts.append(markdown_table(["policy: solved % by slack", *parted, "Spearman"], cells))
     return "\n\n".join(parts) + "\n"
+
+
+def ranges(least: Mapping[str, float]) -> dict[str, list[str]]:
+    """Return the games of each range of slack between BOUNDS, by its title; ranges without games are left out."""
+    edges = (-np.inf, *BOUNDS, np.inf)
+    names = (f"below {BOUNDS[0]:g} s", f"{BOUNDS[0]:g} to {BOUNDS[1]:g} s", f"{BOUNDS[1]:g} s or more")
+    found = {}
+    for name, low, high in zip(names, edges[:-1], edges[1:], strict=True):
+        if games := [game for game, width in least.items() if low <= width < high]:
+            found[f"{name} ({len(games)} of {len(least)})"] = games
+    return found
 
 
 def least_slack(row: Row) -> float | None:

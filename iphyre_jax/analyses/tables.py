@@ -26,7 +26,8 @@ def games_document(policies: Sequence[Policy]) -> str:
         "# Game by game",
         "Written by `iphyre-jax analyse games`. Ours: shipped policies, each the best of five seeds on the basic and "
         "unseen basic games, mean of 20 sampled episodes. "
-        "Paper: one sampled episode at 10 steps a second, so that a cell is a single draw.",
+        "Paper: one sampled episode at 10 steps a second, with the checkpoint of the best of five evaluations: a cell "
+        "is a single draw, and the choice makes their mean somewhat too high ([Protocols](protocols.md)).",
     ]
     for fps in sorted({policy.fps for policy in policies}):
         chosen = [policy for policy in policies if policy.fps == fps]

@@ -149,9 +149,8 @@ def _run(command: TrainingCommand, console: Console) -> int:
     """Run a training command and return the exit code; INTERRUPTED if a signal ended it early."""
     if isinstance(command, Train):
         command.config.check_start()
-        folder = command.out or runs.new_folder(command.config)
         with compiled_ahead(command.config, _others(command.config) if command.evaluate else ()):
-            return _finish(loop.train(command.config, folder, console), console, command.evaluate)
+            return _finish(loop.train(command.config, command.out, console), console, command.evaluate)
     if isinstance(command, Resume):
         config = runs.read_config(command.run)
         with compiled_ahead(config, _others(config) if command.evaluate else ()):

@@ -38,7 +38,7 @@ class TrainingResult(NamedTuple):
     finished: bool  # False if it was interrupted
 
 
-def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult:
+def train(config: TrainConfig, folder: Path | None, console: Console) -> TrainingResult:
     """Train a policy and write its run folder.
 
     An interrupt (Ctrl-C) ends the training early; the folder then holds the checkpoint, the metrics and the curve up
@@ -47,7 +47,7 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
 
     Args:
         config: all settings.
-        folder: new or empty folder of the run.
+        folder: new or empty folder of the run; None for a new one in `runs`.
         console: for the folder's name and the progress bar.
 
     Raises:
@@ -58,6 +58,7 @@ def train(config: TrainConfig, folder: Path, console: Console) -> TrainingResult
     config = with_prediction_sum(with_sum(with_whole_paths(config)))
     if config.tensorboard:
         logs.import_tensorboard()
+    folder = folder or runs.new_folder(config)  # only now: a run that is refused leaves none
     runs.make_folder(folder)
     with locked(folder):
         runs.create(folder, config)

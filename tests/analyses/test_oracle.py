@@ -47,6 +47,16 @@ def test_smallest_slack() -> None:
     assert slack.least_slack({"slack": None}) is None
 
 
+def test_games_of_like_slack_are_of_one_range() -> None:
+    least = {"a": 0.5, "b": 0.4, "c": 0.5, "d": 7.0, "e": 2.0}
+    assert slack.ranges(least) == {
+        "below 0.5 s (1 of 5)": ["b"],
+        "0.5 to 2 s (2 of 5)": ["a", "c"],
+        "2 s or more (2 of 5)": ["d", "e"],
+    }
+    assert list(slack.ranges({"a": 1.0})) == ["0.5 to 2 s (1 of 1)"]
+
+
 def test_derived_share_of_people_lies_between_none_and_all() -> None:
     rates = people.success_rates()
     assert all(0 < rate < 1.01 for rate in rates.values())

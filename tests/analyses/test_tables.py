@@ -57,7 +57,7 @@ def test_claims_are_complete_and_judged() -> None:
     by_text = {claim.text: claim for claim in found}
     assert by_text["Compositional games are hardest"].judgement == "does not hold"  # the last ten places are multi-ball
     open_ones = {claim.text for claim in claims(policies(), rows, shipped(10), None) if claim.judgement == "open"}
-    assert "Difficulty by sampling agrees with people" in open_ones
+    assert "Difficulty by sampling agrees with people (a negative rank correlation)" in open_ones
 
 
 @pytest.mark.parametrize("what", ["slack", "failures", "people", "within-template", "games"])

@@ -39,6 +39,13 @@ def test_other_tables_have_no_predictions() -> None:
     assert agents_document.with_predictions(compare.rows([run(config, 0, 1.0)])) == {}
 
 
+def test_a_seed_that_never_arrives_is_later_than_all_others() -> None:
+    never = float("inf")
+    times = [[33.1, never, 70.2, 39.3, never], [13.3, never, never, never, never], [never, never], [2.0, 4.0], []]
+    expected = ["70.2 (3 of 5 seeds)", "never (1 of 5 seeds)", "-", "3.0 (2 of 2 seeds)", "-"]
+    assert [agents_document._median_time(reached) for reached in times] == expected
+
+
 @pytest.mark.parametrize("module", [agents, carry_over])
 def test_no_seeds_are_one_line_before_anything_is_written(
     module: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

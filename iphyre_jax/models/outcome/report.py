@@ -44,7 +44,8 @@ Written by `make results-offline`; do not edit. Will this plan solve this scene?
 learn from, unless the column says so.
 
 * Plays: 60 steps a second, rule "simulate", fresh space (reset 1), float64; plans of the official distribution; 50 that
-  solve and 50 that fail of each game, as in the paper. Noisy, compositional and multi-ball are never used to choose.
+  solve and 50 that fail of each game, as in the paper; "basic, other plans" without those that were learned from:
+  games of two blocks repeat themselves. Noisy, compositional and multi-ball are never used to choose.
 * `paper` is the paper's training exactly, also what is odd in it: "basic" is what was learned, times after the end of a
   play are left out (which tells of the outcome), the rate swings. `clean` is the same networks without that. Vision is
   a small network trained from scratch on our pictures: the paper's needs weights from elsewhere.

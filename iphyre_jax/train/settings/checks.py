@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -92,6 +93,9 @@ def check_start(config: TrainConfig, base: TrainConfig) -> None:
             of, default = (config, base) if hasattr(config, name) else (learner, base.learner)
             unused = getattr(of, name, None) == getattr(default, name, None)
             _require(of, name, unused, f"none without {needed}, as nothing would read it")
+    for game, times in Counter(config.games).items():
+        if times > 1:
+            raise ValueError(f"games: expected each game once, got {show(game)} {times} times")
     own = load_own_scenes(config.games)
     for scene in own:
         expected = f"scenes that are not called as a game of the package, got {show(scene.name)}; give it another name"

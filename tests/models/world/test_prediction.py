@@ -106,12 +106,13 @@ def test_networks_begin_with_room_for_a_prediction() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_line_knows_world_models() -> None:
+def test_the_command_line_knows_world_models(tmp_path: Path) -> None:
     plain = ["train", "--agent", "ppo", "--strategy", "on-the-fly", "--fps", "60", "--head", "categorical"]
     command = [sys.executable, "-m", "iphyre_jax", *plain, "--prediction", "nothing"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 2
     assert "expected one of objects-unlimited" in " ".join(done.stderr.split())
+    assert not any(tmp_path.iterdir())  # a run that is refused leaves no folder
 
 
 def test_a_world_model_needs_its_rate() -> None:

@@ -230,6 +230,11 @@ def test_a_setting_that_nothing_reads_is_refused(settings: dict[str, Any], messa
     assert str(caught.value).startswith(message)
 
 
+def test_a_run_has_each_game_once() -> None:
+    with pytest.raises(ValueError, match=r"^games: expected each game once, got 'hole' 2 times$"):
+        TrainConfig(games=("hole", "fill", "hole")).check_start()
+
+
 @pytest.mark.parametrize(("agent", "strategy"), [(a, s) for a, spec in AGENTS.items() for s in spec.strategies])
 def test_every_preset_can_start(agent: Any, strategy: Any) -> None:
     for name in ("default", "quick", "paper"):

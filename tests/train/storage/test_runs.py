@@ -304,7 +304,7 @@ def test_results_name_what_is_missing(finished: loop.TrainingResult, tmp_path: P
     names = sorted(entry.name for entry in tmp_path.iterdir())
     assert names == ["results-bars-10fps.png", "results-curves-10fps.png"]
     run = compare.read(finished.folder)
-    assert agents_document.seconds_to_paper(run) is None  # three updates of sixteen episodes
+    assert agents_document.seconds_to_paper(run) == float("inf")  # three updates of sixteen episodes
     (copy_of(finished, tmp_path / "other") / runs.EVALUATION).unlink()
     with pytest.raises(ValueError, match="expected the settings of this row"):
         agents.run_row(tmp_path / "other", tmp_path / "none", table["ppo-i"], QUIET)
