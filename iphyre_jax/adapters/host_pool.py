@@ -117,7 +117,7 @@ class HostPool:
 
         Args:
             actions: (N, ...) members of the action space.
-            env_id: (N,) whole numbers, the worlds; 0 to N - 1 if None.
+            env_id: (N,) whole numbers, the worlds; may be left out if a batch has all of them.
 
         Raises:
             ValueError: the actions are not of the action space, a world does not wait for one, or the pool is closed;

@@ -312,8 +312,9 @@ class Environment:
         return info | {"final_observation": self.observe(state, params)} if self.final_observation else info
 
     def _info(self, status: Status) -> Info:
-        # A table, as XLA would multiply by 1 / fps, rounded.
-        seconds = jnp.asarray(np.arange(self.protocol.steps + 1, dtype=np.float32) / np.float32(self.protocol.fps))
+        # A table, as XLA would multiply by 1 / fps, rounded. With `official_bugs` a play may last a frame longer.
+        steps = np.arange(self.protocol.steps + self.protocol.steps_per_frame + 1, dtype=np.float32)
+        seconds = jnp.asarray(steps / np.float32(self.protocol.fps))
         return {
             "success": status.success,
             "fault": status.fault,

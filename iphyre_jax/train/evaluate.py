@@ -20,7 +20,6 @@ from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.collect import EpisodeStats, rollout_collector
-from iphyre_jax.train.observations import slot_mask
 from iphyre_jax.train.settings.run import TrainConfig
 
 SCHEMA = "iphyre_jax/evaluation"
@@ -159,8 +158,8 @@ def _plans(config: TrainConfig, learner: State, scenes: Sequence[Scene]) -> list
         return [()] * len(scenes)
     obs = jnp.asarray(observation_table(scenes))
     times = action_to_times(np.asarray(algorithm(config).greedy(learner, obs)))
-    steps, blocks = plan_to_steps(times, config.fps, "in_advance"), np.asarray(slot_mask(obs)).sum(axis=1)
+    steps = plan_to_steps(times, config.fps, "in_advance")
     return [
-        tuple(None if step < 0 else step / config.fps for step in row[:count].tolist())
-        for row, count in zip(steps, blocks, strict=True)
+        tuple(None if step < 0 else step / config.fps for step in row[: len(scene.eliminable_blocks)].tolist())
+        for row, scene in zip(steps, scenes, strict=True)
     ]

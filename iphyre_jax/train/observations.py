@@ -59,7 +59,16 @@ def observation_length(strategy: StrategyName, observation: ObservationName, has
 
 def slot_mask(obs: jax.Array) -> jax.Array:
     """(..., 6) bool: the slots that stand for a block of the scene, removed or not."""
-    return parts(obs).candidates.any(axis=-1)
+    return filled_slots(parts(obs).candidates)
+
+
+def filled_slots(candidates: jax.Array) -> jax.Array:
+    """(..., 6) bool: the slots with a block, by the centres of the blocks (..., 6, 2), which come first.
+
+    A centre in the corner of the picture is zero as that of a missing block is. A later block shows that it is there;
+    nothing shows it of the last block.
+    """
+    return jax.lax.cummax(candidates.any(axis=-1).astype(jnp.int32), axis=candidates.ndim - 2, reverse=True) > 0
 
 
 def start_observations(strategy: StrategyName, observation: str, scenes: Sequence[str | Scene]) -> jax.Array:

@@ -69,8 +69,9 @@ class Perfect:
         self, scenes: Sequence[Scene], game: jax.Array, environment: Environment, params: EnvParams
     ) -> tuple[Environment, EnvParams]:
         """See `Prediction`; an environment that can do nothing for 0.1 s is kept."""
-        del scenes, game
-        return replace(environment, strategy=OnTheFly(slots=environment.strategy.slots)), params
+        del game, params  # those of another strategy
+        idle = replace(environment, strategy=OnTheFly(slots=environment.strategy.slots))
+        return idle, idle.params(scenes)
 
     def predict(
         self, memory: tuple[Environment, EnvParams], obs: jax.Array, state: EnvState

@@ -192,3 +192,10 @@ def test_the_late_frame_costs_a_tenth() -> None:
         total = replay(env, params, np.zeros(1), early)["rewards"].sum()
     np.testing.assert_allclose(total, sum(step.reward for step in driven.transitions), atol=1e-4)
     np.testing.assert_allclose(total, -25.1, atol=1e-4)
+    env, params = make("combined/hole-v1", official_bugs=True, autoreset=False)
+    key, step = jax.random.key(0), jax.jit(env.step)
+    _, state = env.reset(key, params)
+    for action in early[0]:
+        *_, info = step(key, state, action, params)
+        _, state, *_ = step(key, state, action, params)
+    assert float(info["time"]) == pytest.approx(15.1)

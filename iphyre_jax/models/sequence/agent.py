@@ -278,9 +278,10 @@ def contrast(player: Player) -> Floats:
         player: in advance, with events, after `plans`.
     """
     memory, config = player.memory, player.config
-    ends = memory.actions[..., 0] == END
-    made = np.cumsum(ends, axis=1) - ends == 0  # decisions up to the first END
-    left = (made & ~ends)[:, ::-1].cumsum(axis=1)[:, ::-1]
+    # A removal after 15 s ends a play as END does.
+    stops = (memory.actions[..., 0] == END) | (memory.time + memory.actions[..., 1] >= FRAMES)
+    made = np.cumsum(stops, axis=1) - stops == 0
+    left = (made & ~stops)[:, ::-1].cumsum(axis=1)[:, ::-1]
     failure = -COST * left - (TIME_LIMIT / SUCCESS_REWARD - TENTH * memory.time)
     found = np.zeros(len(made))
     for index, count in blocks(len(made)):

@@ -18,6 +18,7 @@ from iphyre_jax.models.sequence.settings import SequenceConfig
 from iphyre_jax.rules import FRAMES
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS
 from iphyre_jax.train.algos.networks import AttentionBlock
+from iphyre_jax.train.observations import filled_slots
 
 NEVER_BIN: Final = FRAMES  # the time of a block that stays, in tenths of a second
 END: Final = MAX_OBJECTS  # the event after the last removal
@@ -98,7 +99,7 @@ class SequenceModel(nn.Module):
         if config.form == "events":
             return self._events(features, self._all(objects, shape), picked, inputs)
         if config.form == "choices":
-            allowed = jnp.concatenate([jnp.ones((shape[0], 1), bool), inputs.centres.any(axis=-1)], axis=1)
+            allowed = jnp.concatenate([jnp.ones((shape[0], 1), bool), filled_slots(inputs.centres)], axis=1)
             scores = nn.Dense(MAX_ELIMINABLE + 1)(features)
             return Logits(jnp.where(allowed[:, None], scores, NOWHERE), features[..., :0])
         each = nn.Dense(MAX_ELIMINABLE * (FRAMES + 1))(features)

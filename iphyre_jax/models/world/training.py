@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import optax
 
+from iphyre_jax.envs.arguments import key_of
 from iphyre_jax.models.world.networks import mdrnn, objects
 from iphyre_jax.models.world.networks.objects import Sigma
 from iphyre_jax.models.world.plays import windows
@@ -41,7 +42,7 @@ def optimizer(config: WorldConfig) -> optax.GradientTransformation:
 def start(config: WorldConfig) -> TrainState:
     """The state before the first step."""
     network = objects if config.model == "objects" else mdrnn
-    params = network.init(config, jax.random.key(config.seed))
+    params = network.init(config, key_of(config.seed))
     return TrainState(params, optimizer(config).init(params))
 
 
@@ -158,5 +159,5 @@ def train_chunk(config: WorldConfig, state: TrainState, plays: Plays, first: int
     """Make the next `config.chunk` steps, of which `first` were made; the mean loss too."""
     length = window_length(config, first)
     index = jnp.asarray(drawn_windows(config, plays, first, length))
-    state, losses = _steps(config, state, plays, index, jnp.int32(first), length, jax.random.key(config.seed))
+    state, losses = _steps(config, state, plays, index, jnp.int32(first), length, key_of(config.seed))
     return state, float(losses.mean())

@@ -164,7 +164,7 @@ def global_norm(tree: Params) -> jax.Array:
 
 def active_first(key: jax.Array, weight: jax.Array) -> jax.Array:
     """(N,) indices of rows in random order, those of weight (N,) 1 or True before those of 0 or False."""
-    return jnp.argsort(jax.random.uniform(key, weight.shape) + (1.0 - weight))
+    return jnp.argsort(jax.random.uniform(key, weight.shape, jnp.float32) + (1.0 - weight))
 
 
 def masked_mean(values: jax.Array, weight: jax.Array) -> jax.Array:

@@ -78,8 +78,8 @@ class DDPGAlgorithm(OffPolicyAlgorithm[DDPG]):
         obs = jnp.repeat(obs, num_samples, axis=0)
         noise_key, uniform_key = jax.random.split(key)
         planned = self.action(state.train_state.policy, obs)
-        noise = self.noise(state.num_updates) * jax.random.normal(noise_key, planned.shape)
-        uniform = jax.random.uniform(uniform_key, planned.shape)
+        noise = self.noise(state.num_updates) * jax.random.normal(noise_key, planned.shape, planned.dtype)
+        uniform = jax.random.uniform(uniform_key, planned.shape, planned.dtype)
         random = state.num_updates < self.settings.random_updates
         action = jnp.where(random, uniform, jnp.clip(planned + noise, 0.0, 1.0))
         return without_value(action, action)

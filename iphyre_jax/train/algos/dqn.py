@@ -78,10 +78,10 @@ class DQNAlgorithm(OffPolicyAlgorithm[DQN]):
         obs = jnp.repeat(obs, num_samples, axis=0)
         share_key, random_key = jax.random.split(key)
         random_head, mask = self.exploration, slot_mask(obs)
-        no_preference = jnp.zeros((*mask.shape[:-1], *random_head.shape))
+        no_preference = jnp.zeros((*mask.shape[:-1], *random_head.shape), jnp.float32)
         random = random_head.sample(random_key, random_head.distribution(no_preference, mask))
         best = self.best(state.train_state.value, obs)
-        explores = jax.random.uniform(share_key, best.shape) < self.epsilon(state.num_updates)
+        explores = jax.random.uniform(share_key, best.shape, jnp.float32) < self.epsilon(state.num_updates)
         action = jnp.where(explores, random, best)
         return without_value(action, action)
 

@@ -10,7 +10,7 @@ import flax.linen as nn
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.train.observations import parts
+from iphyre_jax.train.observations import filled_slots, parts
 from iphyre_jax.train.settings.agents import ATTENTION_HEADS
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -146,10 +146,16 @@ def pair_features(rows: jax.Array) -> jax.Array:
 
 
 def _slot_objects(rows: jax.Array, candidates: jax.Array) -> jax.Array:
-    """(B, 6, 12) 1 where an object is the block of a slot, all 0 once it is removed. Such blocks never move."""
-    away = jnp.abs(_centres(rows)[:, None] - candidates[:, :, None]).max(axis=-1)
+    """(B, 6, 12) 1 where an object is the block of a slot, all 0 once it is removed. Such blocks never move.
+
+    Ends and centres are clipped to the picture. If an end is at its edge, the centre is anywhere between the ends.
+    """
+    ends, centre = jnp.stack([rows[:, None, :, 0:2], rows[:, None, :, 2:4]]), candidates[:, :, None]
+    away = jnp.abs(_centres(rows)[:, None] - centre)
+    outside = jnp.maximum(ends.min(axis=0) - centre, centre - ends.max(axis=0))
+    away = jnp.where(((ends == 0) | (ends == 1)).any(axis=0), outside, away).max(axis=-1)
     block = (rows[..., 5] > 0)[:, None, :]
-    return (block & (away < SAME_PLACE)).astype(jnp.float32)
+    return (block & (away < SAME_PLACE) & filled_slots(candidates)[:, :, None]).astype(jnp.float32)
 
 
 def network(config: TrainConfig, shape: tuple[int, ...], scale: float, *, dueling: bool = False) -> nn.Module:

@@ -65,7 +65,7 @@ def empty(config: TrainConfig, settings: OffPolicy, obs: jax.Array, raw_action: 
     def zeros(like: jax.Array) -> jax.Array:
         return jnp.zeros((capacity, *like.shape[1:]), like.dtype)
 
-    scalar = jnp.zeros(1)
+    scalar = jnp.zeros(1, jnp.float32)
     no_transitions = Transition(*map(zeros, (obs, raw_action, scalar, scalar, obs)))
     return Buffer(no_transitions, jnp.zeros((), jnp.int32), jnp.zeros((), jnp.int32))
 

@@ -100,6 +100,11 @@ def test_contrast_compares_with_a_failure(player: Callable[..., agent.Player], m
     monkeypatch.setattr(agent, "_likelihood", lambda config, params, inputs, made: (inputs.returns * made).sum(axis=1))
     # Asked: 0.985 and, after a removal at 5 s, 1.0. A failure has one removal and 15 s before it, then 10 s.
     assert agent.contrast(made)[0] == pytest.approx(0.985 + 1.0 - (-0.025 - 0.010))
+    # A second removal at 15.1 s never comes, and nothing that the model says after it counts.
+    first, second = HINDER.eliminable_blocks[:2]
+    made = player(settings("ours"), lambda k, inputs: [[[first, 50], [second, 101], [first, 1]][min(k, 2)]])
+    made.plans()
+    assert agent.contrast(made)[0] == pytest.approx(0.985 + 1.0 - (-0.025 - 0.010))
 
 
 def test_one_program_for_any_number_of_worlds() -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,16 +14,18 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import iphyre_jax
 from iphyre_jax.envs.strategies import StrategyName
 from iphyre_jax.models.world import compare, prediction, storage
 from iphyre_jax.models.world.training import start
 from iphyre_jax.observations.features import ROWS_SIZE
 from iphyre_jax.rules import SCREEN
+from iphyre_jax.scenes import load_scene
 from iphyre_jax.train import loop
 from iphyre_jax.train.algos.registry import algorithm, init
 from iphyre_jax.train.collect import PolicyOutput, Trajectory, rollout_collector
 from iphyre_jax.train.observations import parts
-from iphyre_jax.train.predictions import open_prediction, with_prediction_sum
+from iphyre_jax.train.predictions import Perfect, open_prediction, with_prediction_sum
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
 
@@ -59,6 +62,21 @@ def test_the_perfect_prediction_is_the_next_table() -> None:
     now, later = np.asarray(found.obs[:-2, :, -ROWS_SIZE:]), np.asarray(plain.obs[1:-1, :, :ROWS_SIZE])
     np.testing.assert_array_equal(now[both], later[both])
     assert not (now[both] == np.asarray(plain.obs[:-2, :, :ROWS_SIZE])[both]).all()
+
+
+def test_the_perfect_prediction_is_one_in_either_backend() -> None:
+    tables = []
+    for backend in ("host", "xla"):
+        options: dict[str, Any] = {"backend": backend, "observation": "motion", "autoreset": False}
+        env, params = iphyre_jax.make("combined/fill-v1", **options)
+        keys, action = jax.random.split(jax.random.key(0), 2), jnp.full((2, 6), 0.05)
+        _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)
+        obs, state, *_ = jax.vmap(env.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
+        perfect = Perfect()
+        memory = perfect.start([load_scene("fill")], state.game, env, params)
+        tables.append(perfect.predict(memory, obs, state)[0])
+    np.testing.assert_array_equal(*tables)
+    assert (tables[0] != obs[:, :ROWS_SIZE]).any()
 
 
 def test_zeros_have_the_size_alone() -> None:

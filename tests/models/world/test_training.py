@@ -10,7 +10,7 @@ from iphyre_jax.models.world.networks.objects import Sigma
 from iphyre_jax.models.world.networks.pairs import own_rows
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.tables import State
-from iphyre_jax.models.world.training import noisy, step_loss
+from iphyre_jax.models.world.training import noisy, start, step_loss
 
 MANY = 400
 
@@ -36,6 +36,11 @@ def test_sigma_is_the_size_of_68_percent_of_errors_whatever_the_tails() -> None:
     low, high = jnp.log(0.95 * within), jnp.log(1.05 * within)
     assert _slope(low, error, jnp.array(True)) < 0 < _slope(high, error, jnp.array(True))
     assert _slope(low, error, jnp.array(False)) == 0  # the world was not where it was said to be
+
+
+def test_every_seed_has_its_own_weights() -> None:
+    one, two = (start(WorldConfig(seed=seed)).params for seed in (0, 2**32))
+    assert any((a != b).any() for a, b in zip(*map(jax.tree.leaves, (one, two)), strict=True))
 
 
 def test_noise_spares_half_of_the_worlds_and_says_which() -> None:

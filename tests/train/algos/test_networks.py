@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from iphyre_jax.envs.in_advance import observation_table
-from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes import SceneBuilder, load_scene
 from iphyre_jax.train.algos.actor_critic import ActorCritic
-from iphyre_jax.train.algos.networks import MLP, ObjectNetwork
+from iphyre_jax.train.algos.networks import MLP, ObjectNetwork, _slot_objects
 from iphyre_jax.train.algos.registry import algorithm
 from iphyre_jax.train.observations import parts, slot_mask, start_observations
 from iphyre_jax.train.settings.run import TrainConfig, preset
@@ -64,6 +64,18 @@ def test_objects_do_not_care_for_their_row() -> None:
     np.testing.assert_allclose(one, other, atol=1e-4)
     assert np.abs(np.asarray(one)[there]).max() > 0.01
     assert len(np.unique(np.asarray(one)[0][there[0]].round(4), axis=0)) == there[0].sum()  # each slot its own
+
+
+def test_blocks_at_the_edge_of_the_picture_are_seen() -> None:
+    """Ends and centres are clipped: a block may lie half outside, or around a corner."""
+    builder = SceneBuilder("edges")
+    for ends in ((520, 330, 700, 330), (-40, -20, 20, 20), (100, 580, 200, 640), (300, 300, 400, 300)):
+        builder.block(ends[:2], ends[2:], eliminable=True)
+    builder.ball((300, 100))
+    obs = start_observations("in-advance", "official", [builder.build()])
+    np.testing.assert_array_equal(slot_mask(obs)[0], [True] * 4 + [False] * 2)
+    found = parts(obs)
+    np.testing.assert_array_equal(_slot_objects(found.rows, found.candidates)[0, :, :6], np.eye(6) * slot_mask(obs))
 
 
 @pytest.mark.slow

@@ -82,6 +82,13 @@ def test_of_too_many_decisions_a_random_part_is_kept(key: int) -> None:
     assert int(found.size) == 3
 
 
+def test_a_buffer_has_one_number_type_whatever_the_flag() -> None:
+    obs, action = jnp.zeros((1, 1), jnp.float32), jnp.zeros((1,), jnp.float32)
+    with jax.enable_x64(True):
+        buffer = replay.empty(CONFIG, OffPolicy(), obs, action)
+    assert {leaf.dtype.name for leaf in buffer.transitions} == {"float32"}
+
+
 def test_a_buffer_holds_at_least_an_update() -> None:
     assert OffPolicy(buffer_size=10).capacity(150) == 150
     assert OffPolicy(buffer_size=10, samples_per_update=4).capacity(150) == 10
