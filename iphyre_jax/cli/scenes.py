@@ -13,6 +13,7 @@ from rich.console import Console
 from iphyre_jax.cli.console import option
 from iphyre_jax.scenes import Limits, read_scene, scene_json_schema
 from iphyre_jax.scenes.geometry import scene_warnings
+from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.train.reports.printing import say
 
 
@@ -84,5 +85,7 @@ def _print_contents(path: Path, limits: Limits | None, console: Console) -> None
         f"{len(scene.joints)} joints",
         f"{len(scene.springs)} springs",
     ]
-    for line in (f"valid, {scene.name}: {', '.join(counts)}", *scene_warnings(scene)):
+    named = [f"name: {scene.name} is a game of the package; no run trains on or evaluates another scene of this name"]
+    warnings = [*(named if scene.name in ALL_GAMES else []), *scene_warnings(scene)]
+    for line in (f"valid, {scene.name}: {', '.join(counts)}", *warnings):
         say(console, f"{path}: {line}")

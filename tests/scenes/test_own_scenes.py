@@ -220,6 +220,8 @@ def test_scene_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     out = capsys.readouterr().out
     assert f"{good}: valid, own: 2 blocks (1 eliminable, 1 moving), 1 balls, 1 joints, 1 springs" in out
     assert f"{odd}: ball[0]: overlaps block[4] by 3.50005 px" in out
+    assert f"{odd}: name: multi_ball_hinder is a game of the package" in out
+    assert f"{good}: name" not in out
     assert run(["scene", "check", str(bad), str(tmp_path / "none.json"), str(good)]) == 2
     captured = capsys.readouterr()
     assert "bad.json: eli: expected this field, but it is missing" in captured.err

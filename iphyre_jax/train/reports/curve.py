@@ -46,7 +46,7 @@ def draw_curve(run: Path, config: TrainConfig) -> None:
     further = [*(["variations"] if config.variations else []), *(["generated scenes"] if config.scene_pool else [])]
     played = " and ".join([training_name(config), *further])
     axes.set(xlabel="episodes", ylabel="mean reward")
-    axes.set_title("\n".join(wrap(config.agent_name, 72) + wrap(f"trained on {played}", 72)), fontsize="medium")
+    axes.set_title("\n".join(wrap(config.agent_name, 88) + wrap(f"trained on {played}", 88)), fontsize="small")
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right", fontsize="small")
     with replacing(run / FILE) as draft:
