@@ -74,7 +74,8 @@ def attempts(
 
     A blind agent gives its k plans at once. With feedback it gives one after the other, and sees all earlier attempts
     of its run. All k attempts are made, also after a success, for the best reward still counts. Each run of each game
-    has random numbers of its own, so that the games asked for do not change each other's results.
+    has random numbers of its own, so that the games asked for do not change each other's results. A trained policy's
+    scores are those of its own rate, reset and number type; with others a few of its plans end otherwise.
 
     Args:
         agent: see `Agent`; its plans are played by the rule "simulate", as those of people are.

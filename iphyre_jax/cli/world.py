@@ -194,4 +194,4 @@ def _plan(action: PlanInModel, console: Console) -> None:
     say(console, f"{scene.name}: best of {len(times)} plans imagined in {action.model}; 60 fps, fresh space, float64")
     for at, index in enumerate(best):
         plan = " ".join("-" if np.isnan(time) else f"{time:g}" for time in times[index])
-        say(console, f"{plan}: imagined {imagined[index]:.1f}, played {played.reward[at]:.1f}")
+        say(console, f"{plan or 'no block'}: imagined {imagined[index]:.1f}, played {played.reward[at]:.1f}")

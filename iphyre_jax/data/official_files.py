@@ -29,7 +29,7 @@ from iphyre_jax.data.sequences import rows_by_scene, tables
 from iphyre_jax.plans import official_clock
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import Limits, Scene, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, load_scenes
+from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, load_scenes
 
 LISTS: Final = {True: "succeed_actions.npy", False: "fail_actions.npy"}
 MAX_BYTES: Final = 200_000_000  # of one file
@@ -62,6 +62,14 @@ def action_lists(dataset: Dataset) -> Floats:
     return np.column_stack([times, dataset.success, dataset.removals, seconds])
 
 
+def check_folder_names(argument: str, scenes: Sequence[Scene]) -> None:
+    """Refuse scenes whose names cannot be those of folders beside each other; ValueError, one line."""
+    check_names_differ(argument, scenes)
+    for scene in scenes:
+        if Path(scene.name).name != scene.name or scene.name in ("", ".", ".."):
+            raise ValueError(f"{argument}: expected names of scenes that can name folders, got {show(scene.name)}")
+
+
 def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
     """Write the action lists of each game, and its sequences if the data set has poses, the solved ones first.
 
@@ -75,10 +83,7 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
         ValueError: two scenes have the same name, or one that is no name of a folder; one line.
         OSError: a file cannot be written.
     """
-    names = [scene.name for scene, _ in rows_by_scene(dataset)]
-    for name in names:
-        if names.count(name) > 1 or Path(name).name != name or name in ("", ".", ".."):
-            raise ValueError(f"dataset: expected scenes whose different names can name folders, got {show(name)}")
+    check_folder_names("dataset", [scene for scene, _ in rows_by_scene(dataset)])
     for scene, rows in rows_by_scene(dataset):
         own, game = dataset.select(rows), Path(folder) / scene.name
         game.mkdir(parents=True, exist_ok=True)

@@ -12,9 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.checks import show
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scenes, scene_to_dict
+from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scene, load_scenes, scene_to_dict
 from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game, load_own_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
@@ -122,7 +123,9 @@ def evaluate(config: TrainConfig, learner: State, games: Sequence[SceneLike] = G
     scenes = load_scenes(games)
     check_names_differ("games", scenes)
     if scenes[0].limits != OFFICIAL:  # as all are then
-        raise ValueError("games: expected scenes without limits of their own, for the networks' sizes")
+        larger = next(scene.name for scene in map(load_scene, games) if scene.limits != OFFICIAL)
+        expected = "scenes without limits of their own, for the networks' sizes"
+        raise ValueError(f"games: expected {expected}, got {show(larger)}")
     if name := not_finite(algorithm(config).inference_state(learner)):
         raise ValueError(f"policy: {name}: expected finite numbers, got NaN or infinity: its training diverged")
     agent, episodes = algorithm(config), 1 + config.sampled_episodes

@@ -19,10 +19,10 @@ from iphyre_jax.train.predictions import with_prediction_sum
 from iphyre_jax.train.progress import training_progress
 from iphyre_jax.train.reports.curve import draw_curve
 from iphyre_jax.train.reports.printing import say
-from iphyre_jax.train.scenes import with_whole_paths
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs, runs
 from iphyre_jax.train.storage.logs import Log
+from iphyre_jax.train.storage.named_files import with_whole_paths
 from iphyre_jax.train.trainer import Metrics, RunState, Trainer
 
 SIGNALS: Final = tuple(

@@ -3,37 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, islice
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.data.named.varied import JITTER, SCALE, SHIFT
 from iphyre_jax.scenes import MAX_OBJECTS, Scene, load_scene, vary
-from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.train.settings.run import TrainConfig
 
 TRIES: Final = 200  # draws of a variation at most; angle has the fewest valid ones, one in 100
 STREAM: Final = 7919  # added to the seed, so that variations draw other numbers than anything else
-
-
-def with_whole_paths(config: TrainConfig) -> TrainConfig:
-    """Return the settings with whole paths of the scene files among the games, that mean the same anywhere."""
-    games = tuple(game if game in ALL_GAMES else str(Path(game).absolute()) for game in config.games)
-    return replace(config, games=games)
-
-
-def scene_sums(config: TrainConfig) -> dict[str, str]:
-    """Return the SHA-256 sum of the scene in each scene file among the games.
-
-    Raises:
-        ValueError, OSError: one line; a file is missing or wrong.
-    """
-    return {game: scene_sum(load_scene(game)) for game in config.games if game not in ALL_GAMES}
 
 
 def training_scenes(config: TrainConfig, update: int) -> tuple[Sequence[str | Scene], int]:

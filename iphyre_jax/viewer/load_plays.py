@@ -116,13 +116,13 @@ def _greedy_play(game: object, settings: Mapping[str, Any], agent: str, source: 
     numbers = (int, float, type(None))
     if not isinstance(seconds, list) or not all(isinstance(second, numbers) for second in seconds):
         raise ValueError(f"{source}: plan: expected seconds for each block, or null, got {show(seconds)}")
-    if not seconds:
+    scene = game.get("scene", game["game"])  # of a scene that is no game of the package
+    blocks = len(read_scene_field(scene, source).eliminable_blocks)
+    if blocks and not seconds:
         raise ValueError(f"{source}: plan: expected a plan, got none; only agents that plan in advance have plans")
     if not isinstance(fps, int) or isinstance(fps, bool) or any(s is not None and not 0 <= s < 1e6 for s in seconds):
         raise ValueError(f"{source}: plan: expected seconds from 0 on at a whole number of steps a second")
     plan = [-1 if second is None else round(second * fps) for second in seconds]
-    scene = game.get("scene", game["game"])  # of a scene that is no game of the package
-    blocks = len(read_scene_field(scene, source).eliminable_blocks)
     fields = {"schema": SCHEMA, "version": VERSION, "agent": agent, "scene": scene, "plan": plan[:blocks]}
     physics = {"fps": fps, "dtype": settings.get("dtype", "float32"), "resets": settings.get("resets", 2)}
     return play_from_json(fields | physics, source)

@@ -1,6 +1,7 @@
 """`iphyre-jax collect`: makes, verifies and converts data sets; one line for every mistake."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from iphyre_jax.cli.main import run
 from iphyre_jax.data import load_dataset, save_dataset
-from iphyre_jax.scenes import load_scene, scene_to_dict
+from iphyre_jax.scenes import load_scene, scene_to_dict, write_scene
 from iphyre_jax.viewer.plays import append_play, play_to_json
 from iphyre_jax.viewer.recording import record
 
@@ -25,6 +26,21 @@ def test_a_data_set_is_made_verified_and_converted(tmp_path: Path, capsys: pytes
     assert run(["collect", "--source", str(tmp_path / "lists"), "--out", str(tmp_path / "again.npz")]) == 0
     again = load_dataset(tmp_path / "again.npz")
     assert sorted(again.end_step.tolist()) == sorted(load_dataset(first).end_step.tolist())
+
+
+def test_names_that_are_no_folders_are_refused_before_anything_is_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    messages = {
+        "support": "different names, got 'support' twice",
+        "..": "names of scenes that can name folders, got '..'",
+    }
+    for name, message in messages.items():
+        write_scene(replace(load_scene("hole"), name=name), tmp_path / "own.json")
+        lists = ["--out", str(tmp_path / "a.npz"), "--official", str(tmp_path / "lists")]
+        assert run(["collect", str(tmp_path / "own.json"), "support", *lists]) == 2
+        assert message in capsys.readouterr().err
+        assert [path.name for path in tmp_path.iterdir()] == ["own.json"]
 
 
 def test_a_wrong_label_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -92,10 +92,18 @@ def test_the_commands_evaluate_what_a_run_was_trained_on(
     assert cli.run(["evaluate", "run"]) == 2
     assert "games: expected the scene that the run began with" in capsys.readouterr().err
     Path("mine.json").unlink()
-    assert cli.run(["evaluate", "run"]) == 2
-    assert "mine.json: expected a scene file, but there is none" in capsys.readouterr().err
-    assert cli.run(["compare", "run"]) == 0  # which plays nothing
+    Path("elsewhere").mkdir()
+    Path("run").rename("elsewhere/run")  # which has a copy of the scene
+    monkeypatch.setattr(train_commands, "GAMES", ("support",))
+    assert cli.run(["evaluate", "elsewhere/run"]) == 0
+    assert cli.run(["resume", "elsewhere/run", "--no-evaluate"]) == 0
+    assert load_plays("elsewhere/run")[1].scene == own()
+    assert cli.run(["compare", "elsewhere/run"]) == 0
     assert "Scenes of your own have no column here" in capsys.readouterr().out
+    Path("elsewhere/run/scenes/0/mine.json").unlink()
+    assert cli.run(["evaluate", "elsewhere/run"]) == 2
+    assert capsys.readouterr().err.endswith("mine.json: expected a scene file, but there is none\n")
+    assert cli.run(["compare", "elsewhere/run"]) == 0  # which plays nothing
 
 
 def test_a_run_whose_scenes_cannot_be_told_apart_does_not_start(tmp_path: Path) -> None:

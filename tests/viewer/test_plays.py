@@ -181,6 +181,24 @@ def test_a_run_folder_is_a_source(tmp_path: Path) -> None:
     assert play.record().reward == 977.6
 
 
+def test_a_scene_without_removable_blocks_has_an_empty_plan(tmp_path: Path) -> None:
+    builder = SceneBuilder("falls by itself")
+    builder.ball((250, 340))
+    run = write_run(tmp_path / "run", [0.1, 0.2])
+    of = json.loads((run / "evaluation.json").read_text("utf-8"))
+    of["games"].append({"game": "falls by itself", "plan": [], "scene": scene_to_dict(builder.build())})
+    (run / "evaluation.json").write_text(json.dumps(of), "utf-8")
+    assert [play.plan for play in load_plays(run)] == [(1, 2), ()]
+
+
+def test_a_scene_with_the_name_of_a_game_is_of_no_split(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "plays.jsonl"
+    other = scene_to_dict(replace(load_scene("support"), name="hole"))
+    file.write_text(json.dumps(GOOD | {"scene": other, "plan": [-1, -1]}) + "\n", "utf-8")
+    assert run(["render", str(file), "--split", "basic", "-o", str(tmp_path / "a.png")]) == 2
+    assert "game: expected a game with plays in" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("plan", [None, [], ["x", None], [1e9, None], [-1, None]])
 def test_a_wrong_run_folder_is_named(plan: object, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"games\[0\]: plan: expected"):

@@ -16,7 +16,7 @@ from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, SPLIT_OF
+from iphyre_jax.scenes.library import ALL_GAMES, SPLIT_OF, is_game
 from iphyre_jax.train.reports.printing import say
 from iphyre_jax.viewer.load_plays import BEST, each_play, is_policy
 from iphyre_jax.viewer.plays import holds_plays
@@ -117,7 +117,7 @@ def render(command: Render, console: Console) -> None:
         save_picture(command.out, sheet)
     elif of_plays:
         chosen = [play for play in each_play(what) if command.game in (None, play.scene.name)]
-        chosen = [play for play in chosen if command.split in (None, SPLIT_OF.get(play.scene.name))]
+        chosen = [play for play in chosen if command.split in (None, _split_of(play.scene))]
         if not chosen:
             asked = f"{command.game or 'any'} of {command.split or 'any split'}"
             raise ValueError(f"game: expected a game with plays in {what}, got {asked}")
@@ -135,6 +135,11 @@ def render(command: Render, console: Console) -> None:
         state = "solved" if play.success else "not solved"
         say(console, f"{play.scene.name}: {state} after {play.steps} steps, reward {play.reward:.4f}")
     say(console, f"{command.out}: {command.out.stat().st_size / 1000:.0f} kB")
+
+
+def _split_of(scene: Scene) -> str | None:
+    """The split of a scene; None unless it is a game of the package, whatever its name."""
+    return SPLIT_OF[scene.name] if is_game(scene) else None
 
 
 def _has_plays(what: str) -> bool:

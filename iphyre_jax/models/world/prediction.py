@@ -113,7 +113,8 @@ def read_prediction(name: str) -> NamedPrediction:
     try:
         file = storage.named_file(name)
     except ValueError as error:
-        raise ValueError(f"prediction: {ZEROS}, {PERFECT}, or {error}") from None
+        expected = str(error).removeprefix("model: expected ")
+        raise ValueError(f"prediction: expected {ZEROS}, {PERFECT}, {expected}") from None
     return NamedPrediction(lambda: WorldPrediction(storage.named_model(name)), file_sum(file))
 
 

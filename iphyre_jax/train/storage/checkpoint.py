@@ -33,6 +33,7 @@ from iphyre_jax.train.settings.agents import OffPolicy
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import manifest
 from iphyre_jax.train.storage.manifest import STATE
+from iphyre_jax.train.storage.named_files import scene_sums
 from iphyre_jax.train.trainer import RunState
 
 FOLDER: Final = "checkpoints"
@@ -131,7 +132,7 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
             decide the bits.
 
     Raises:
-        FileNotFoundError: one line; there is no such checkpoint.
+        FileNotFoundError: one line; there is no such checkpoint, or no scene file among the games.
         ValueError: one line; it is damaged, or belongs to other settings. The line names the last good one, if any.
     """
     there = names(run)
@@ -141,6 +142,7 @@ def load(run: Path, config: TrainConfig, name: str | None = None, *, to_resume: 
     if chosen not in there:
         known = ", ".join(there[-MAX_NAMED:]) or "none"
         raise FileNotFoundError(f"{run / FOLDER}: there is no checkpoint {show(chosen)}, only {known}")
+    scene_sums(config)  # a scene that is gone is no fault of the checkpoint
     try:
         state = _load(run / FOLDER / chosen, config, whole=to_resume)
     except Exception as error:  # orbax raises many kinds

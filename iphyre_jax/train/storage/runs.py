@@ -1,6 +1,7 @@
 """Run folders: what a training run writes, and how it is read again.
 
 config.json       settings, versions, device, commit
+scenes/           copies of the scene files among the games (`named_files.py`)
 metrics.csv       one line an update, written at once
 checkpoints/      states of the run, the newest two (`checkpoint.py`)
 curve.png         learning curve
@@ -21,10 +22,10 @@ from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
-from iphyre_jax.train.scenes import scene_sums
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs
+from iphyre_jax.train.storage.named_files import FOLDER, copy_scenes, scene_sums, with_present_files
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
@@ -76,6 +77,7 @@ def create(path: Path, config: TrainConfig) -> None:
     make_folder(path)
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
+    copy_scenes(path, config)
     replace_json(path / CONFIG, {**content, SCENES: scene_sums(config), "started": started, **provenance()})
 
 
@@ -91,10 +93,12 @@ def check_scenes(path: Path, config: TrainConfig) -> None:
     Raises:
         ValueError, OSError: one line; a scene file among the games was changed, or is gone.
     """
-    written = read_json_object(path / CONFIG).get(SCENES, {})
+    begun = scene_sums_of(path)
     for file, found in scene_sums(config).items():
-        if isinstance(written, dict) and written.get(file, found) != found:
-            raise ValueError(f"games: expected the scene that the run began with, but {file} was changed")
+        if begun and found not in begun:
+            raise ValueError(
+                f"games: expected the scene that the run began with, but {file} was changed; {path / FOLDER} has it"
+            )
 
 
 def other_machine(path: Path) -> str:
@@ -120,7 +124,7 @@ def publish(path: Path, published: Path) -> None:
 
 
 def read_config(path: Path) -> TrainConfig:
-    """The settings of a run.
+    """The settings of a run; paths of files that are not there any more are those of `with_present_files`.
 
     Raises:
         FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
@@ -133,7 +137,7 @@ def read_config(path: Path) -> TrainConfig:
         raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
     if content.get("version") not in (2, VERSION):
         raise ValueError(f"{file}: version: expected {VERSION}, got {show(content.get('version'))}")
-    return config_from_json(content.get("settings"), file, old=content["version"] == 2)
+    return with_present_files(path, config_from_json(content.get("settings"), file, old=content["version"] == 2))
 
 
 def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tuple[TrainConfig, RunState]:

@@ -129,7 +129,7 @@ def test_the_command_line_knows_world_models(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "iphyre_jax", *plain, "--prediction", "nothing"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 2
-    assert "expected one of objects-unlimited" in " ".join(done.stderr.split())
+    assert "expected zeros, perfect, one of objects-unlimited" in " ".join(done.stderr.split())
     assert not any(tmp_path.iterdir())  # a run that is refused leaves no folder
 
 
@@ -140,5 +140,5 @@ def test_a_world_model_needs_its_rate() -> None:
 
 
 def test_a_model_that_is_not_there_is_refused() -> None:
-    with pytest.raises(ValueError, match="zeros, perfect, or model: expected one of objects-unlimited, or"):
+    with pytest.raises(ValueError, match=r"^prediction: expected zeros, perfect, one of objects-unlimited, or"):
         prediction.read_prediction("nothing")

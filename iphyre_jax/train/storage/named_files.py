@@ -1,0 +1,91 @@
+"""Files that the settings of a run name by paths: scene files, a scene pool, a world model. Runs are moved and copied.
+
+A run keeps copies of its scene files, in scenes/PLACE AMONG THE GAMES/. Pools and world models can be large: those with
+relative paths are looked for in the folders above the run too. Sums tell whether a file is the one that was named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from iphyre_jax.data.dataset import scene_sum
+from iphyre_jax.data.generated import generated_file
+from iphyre_jax.data.generated.pool import SHIPPED
+from iphyre_jax.files import replace_bytes
+from iphyre_jax.scenes import load_scene
+from iphyre_jax.scenes.library import ALL_GAMES
+from iphyre_jax.train.settings.run import TrainConfig
+
+FOLDER: Final = "scenes"  # of the copies
+
+
+def with_whole_paths(config: TrainConfig) -> TrainConfig:
+    """Return the settings with whole paths of the scene files among the games, that mean the same anywhere."""
+    games = tuple(game if game in ALL_GAMES else str(Path(game).absolute()) for game in config.games)
+    return replace(config, games=games)
+
+
+def scene_sums(config: TrainConfig) -> dict[str, str]:
+    """Return the SHA-256 sum of the scene in each scene file among the games.
+
+    Raises:
+        ValueError, OSError: one line; a file is missing or wrong.
+    """
+    return {game: scene_sum(load_scene(game)) for game in config.games if game not in ALL_GAMES}
+
+
+def copy_scenes(run: Path, config: TrainConfig) -> None:
+    """Copy the scene files among the games into the folder of a run; OSError if a file cannot be read or written."""
+    for place, game in enumerate(config.games):
+        if game not in ALL_GAMES:
+            copy = _copy(run, place, game)
+            copy.parent.mkdir(parents=True)
+            replace_bytes(copy, Path(game).read_bytes())
+
+
+def with_present_files(run: Path, config: TrainConfig) -> TrainConfig:
+    """Return the settings of a run with paths that are there: of its own copies of scenes, or nearest above it."""
+    games = tuple(
+        str(copy) if game not in ALL_GAMES and not _is_there(game) and _is_there(copy) else game
+        for place, game in enumerate(config.games)
+        for copy in (_copy(run, place, game).absolute(),)
+    )
+    pool = ",".join(path if path == SHIPPED else _nearest(run, path, _has_pool) for path in config.pool_paths)
+    model = config.world_model
+    if len(Path(model).parts) > 1:  # else it may be a name in the package
+        model = _nearest(run, model, Path.is_dir)
+    return replace(config, games=games, scene_pool=pool, prediction=model or config.prediction)
+
+
+def without_paths(config: TrainConfig) -> TrainConfig:
+    """Return the settings without the paths of files whose sums are known: wherever they lie, they are the same."""
+    games = tuple(game if game in ALL_GAMES else "" for game in config.games)
+    pool = ",".join(path if path == SHIPPED else "" for path in config.pool_paths) if config.pool_sha256 else None
+    model = "" if config.prediction_sha256 else config.prediction
+    return replace(config, games=games, scene_pool=config.scene_pool if pool is None else pool, prediction=model)
+
+
+def _copy(run: Path, place: int, game: str) -> Path:
+    return run / FOLDER / str(place) / Path(game).name
+
+
+def _nearest(run: Path, path: str, there: Callable[[Path], bool]) -> str:
+    """A relative path as it is if the file is there; else in the nearest folder above the run that has it, if any."""
+    if Path(path).is_absolute() or _is_there(path, there):
+        return path
+    above = (folder / path for folder in run.absolute().parents)
+    return next((str(found) for found in above if _is_there(found, there)), path)
+
+
+def _is_there(path: str | Path, there: Callable[[Path], bool] = Path.is_file) -> bool:
+    try:
+        return there(Path(path))
+    except (OSError, ValueError):  # no path at all: too long, or with a null byte
+        return False
+
+
+def _has_pool(path: Path) -> bool:
+    return generated_file(path).is_file()
