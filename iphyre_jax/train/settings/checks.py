@@ -156,7 +156,7 @@ def _check_choices(config: TrainConfig) -> None:
 def _check_games(config: TrainConfig) -> None:
     """Refuse games that do not exist, scene files that are not valid and rates that do not fit."""
     for game in set(config.games).difference(ALL_GAMES):
-        if not Path(game).is_file():
+        if not Path(game).exists():
             if looks_like_path(game):  # what plays it says that it is gone; a report of the run needs no file
                 continue
             raise ValueError(

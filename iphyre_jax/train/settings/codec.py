@@ -35,7 +35,7 @@ def config_from_json(values: object, source: str | Path, *, old: bool = False) -
     config: TrainConfig = _fields(TrainConfig(learner=learner), plain, source)
     try:
         config.check()
-    except ValueError as error:
+    except (ValueError, OSError) as error:  # of a scene file among the games
         raise ValueError(f"{source}: {error}") from None
     return config
 
