@@ -48,11 +48,7 @@ def copy_scenes(run: Path, config: TrainConfig) -> None:
 
 def with_present_files(run: Path, config: TrainConfig) -> TrainConfig:
     """Return the settings of a run with paths that are there: of its own copies of scenes, or nearest above it."""
-    games = tuple(
-        str(copy) if game not in ALL_GAMES and not _is_there(game) and _is_there(copy) else game
-        for place, game in enumerate(config.games)
-        for copy in (_copy(run, place, game).absolute(),)
-    )
+    games = tuple(_or_copy(run, place, game) for place, game in enumerate(config.games))
     pool = ",".join(path if path == SHIPPED else _nearest(run, path, _has_pool) for path in config.pool_paths)
     model = config.world_model
     if len(Path(model).parts) > 1:  # else it may be a name in the package
@@ -63,13 +59,19 @@ def with_present_files(run: Path, config: TrainConfig) -> TrainConfig:
 def without_paths(config: TrainConfig) -> TrainConfig:
     """Return the settings without the paths of files whose sums are known: wherever they lie, they are the same."""
     games = tuple(game if game in ALL_GAMES else "" for game in config.games)
-    pool = ",".join(path if path == SHIPPED else "" for path in config.pool_paths) if config.pool_sha256 else None
+    pool = tuple("" if config.pool_sha256 and path != SHIPPED else path for path in config.pool_paths)
     model = "" if config.prediction_sha256 else config.prediction
-    return replace(config, games=games, scene_pool=config.scene_pool if pool is None else pool, prediction=model)
+    return replace(config, games=games, scene_pool=",".join(pool), prediction=model)
 
 
 def _copy(run: Path, place: int, game: str) -> Path:
     return run / FOLDER / str(place) / Path(game).name
+
+
+def _or_copy(run: Path, place: int, game: str) -> str:
+    """A game of the package, or a scene file that is there; else the run's copy of it, if it has one."""
+    copy = _copy(run, place, game)
+    return game if game in ALL_GAMES or _is_there(game) or not _is_there(copy) else str(copy.absolute())
 
 
 def _nearest(run: Path, path: str, there: Callable[[Path], bool]) -> str:

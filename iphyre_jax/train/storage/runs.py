@@ -25,7 +25,7 @@ from iphyre_jax.train.reports.report import markdown
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs
-from iphyre_jax.train.storage.named_files import FOLDER, copy_scenes, scene_sums, with_present_files
+from iphyre_jax.train.storage.named_files import copy_scenes, scene_sums, with_present_files
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
@@ -96,9 +96,7 @@ def check_scenes(path: Path, config: TrainConfig) -> None:
     begun = scene_sums_of(path)
     for file, found in scene_sums(config).items():
         if begun and found not in begun:
-            raise ValueError(
-                f"games: expected the scene that the run began with, but {file} was changed; {path / FOLDER} has it"
-            )
+            raise ValueError(f"games: expected the scene that the run began with, but {file} was changed")
 
 
 def other_machine(path: Path) -> str:
