@@ -231,10 +231,12 @@ def file_sum(file: Path) -> str:
 
 
 def check_exist(*files: Path) -> None:
-    """Raise FileNotFoundError, as opening it would, for the first of some files that is missing."""
-    for file in files:
-        if not file.exists():
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
+    """Raise FileNotFoundError, as opening it would, for the first of files that belong together that is missing."""
+    there = {file: file.exists() for file in files}
+    missing, found = ([file for file in files if there[file] is exists] for exists in (False, True))
+    if missing:
+        reason = f"expected this file beside {one_line(found[0].name)}, there is none" if found else ""
+        raise FileNotFoundError(errno.ENOENT, reason or os.strerror(errno.ENOENT), str(missing[0]))
 
 
 def check_writable(folder: Path, name: str) -> None:

@@ -149,9 +149,14 @@ def test_a_signal_leaves_no_draft(tmp_path: Path) -> None:
     assert until_signal(lambda: None) == 0
 
 
-def test_errors_of_the_system_have_no_number(capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_of_the_system_have_no_number(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert run(["collect", "--verify", "nowhere.npz"]) == 2
     assert capsys.readouterr().err == "iphyre-jax: nowhere.npz: No such file or directory\n"
+    scene = tmp_path / "shelves.json"
+    scene.touch()
+    assert run(["collect", "--verify", str(scene)]) == 2
+    expected = f"{scene.with_suffix('.npz')}: expected this file beside shelves.json, there is none"
+    assert capsys.readouterr().err == f"iphyre-jax: {expected}\n"
 
 
 def test_several_errors_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
