@@ -98,6 +98,9 @@ test-kill: .venv/.stamp ## 40 kills of training runs, at least 20 of them while 
 test-damage: .venv/.stamp ## 200 damaged checkpoints, each refused
 	$(FAULT_SCRIPT)/damage.py
 
+test-hostile: .venv/.stamp ## hundreds of hostile files, each refused in one line
+	$(FAULT_SCRIPT)/hostile_files.py
+
 test-learners: .venv/.stamp ## every learner on all probes with known answers, and against the random agent on two games
 	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/train/algos
 	$(PY) tests/robustness/beats_random.py
