@@ -22,7 +22,7 @@ from iphyre_jax.train.reports.printing import say
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs, runs
 from iphyre_jax.train.storage.logs import Log
-from iphyre_jax.train.storage.named_files import with_whole_paths
+from iphyre_jax.train.storage.named_files import copy_scenes, with_whole_paths
 from iphyre_jax.train.trainer import Metrics, RunState, Trainer
 
 SIGNALS: Final = tuple(
@@ -79,6 +79,7 @@ def resume(folder: Path, console: Console, name: str | None = None) -> TrainingR
     config = runs.read_config(folder)
     runs.check_scenes(folder, config)
     with locked(folder):
+        copy_scenes(folder, config)  # which a kill left out, or a version that kept none
         if name is None and not checkpoint.names(folder):
             state = trainer.start(config)
         else:

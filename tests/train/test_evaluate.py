@@ -100,7 +100,11 @@ def test_the_commands_evaluate_what_a_run_was_trained_on(
     assert load_plays("elsewhere/run")[1].scene == own()
     assert cli.run(["compare", "elsewhere/run"]) == 0
     assert "Scenes of your own have no column here" in capsys.readouterr().out
+    Path("elsewhere/run/scenes/0/mine.json").rename("mine.json")
+    assert cli.run(["resume", "elsewhere/run", "--no-evaluate"]) == 0  # which copies it again
+    Path("mine.json").unlink()
     Path("elsewhere/run/scenes/0/mine.json").unlink()
+    capsys.readouterr()
     assert cli.run(["evaluate", "elsewhere/run"]) == 2
     assert capsys.readouterr().err.endswith("mine.json: expected a scene file, but there is none\n")
     assert cli.run(["compare", "elsewhere/run"]) == 0  # which plays nothing

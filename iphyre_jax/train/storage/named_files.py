@@ -38,11 +38,15 @@ def scene_sums(config: TrainConfig) -> dict[str, str]:
 
 
 def copy_scenes(run: Path, config: TrainConfig) -> None:
-    """Copy the scene files among the games into the folder of a run; OSError if a file cannot be read or written."""
+    """Copy the scene files among the games into the folder of a run, unless they are there.
+
+    Raises:
+        OSError: a file cannot be read or written.
+    """
     for place, game in enumerate(config.games):
-        if game not in ALL_GAMES:
-            copy = _copy(run, place, game)
-            copy.parent.mkdir(parents=True)
+        copy = _copy(run, place, game)
+        if game not in ALL_GAMES and not copy.exists():
+            copy.parent.mkdir(parents=True, exist_ok=True)
             replace_bytes(copy, Path(game).read_bytes())
 
 

@@ -77,8 +77,8 @@ def create(path: Path, config: TrainConfig) -> None:
     make_folder(path)
     content = {"schema": SCHEMA, "version": VERSION, "agent": config.agent_name, "settings": config.to_json()}
     started = datetime.now().astimezone().isoformat(timespec="seconds")
-    copy_scenes(path, config)
     replace_json(path / CONFIG, {**content, SCENES: scene_sums(config), "started": started, **provenance()})
+    copy_scenes(path, config)  # after that file: a run that is killed here can be resumed
 
 
 def scene_sums_of(path: Path) -> tuple[str, ...]:
