@@ -50,7 +50,7 @@ PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points
 TO_PAPER: Final = f"s to {PAPER_BASIC:.1f} on basic (median)"
 FIRST_TIME: Final = (
     f"{TO_PAPER}: until greedy play first reaches it, from the end of the first update, which compiles. A seed that "
-    'never does counts as later than all others: "never" if those are most of them. What is lost later does not show.'
+    'never does counts as later than all others; "never": half of them or more. What is lost later does not show.'
 )
 
 
@@ -156,10 +156,9 @@ def seconds_to_paper(run: compare.Evaluated) -> float:
 
 def _median_time(reached: Sequence[float]) -> str:
     """The median over all seeds: one that never arrives is later than all others, not left out."""
-    arrived = int(np.isfinite(reached).sum())
-    if not arrived:
+    if not reached:
         return "-"
-    median = float(np.median(reached))
+    median, arrived = float(np.median(reached)), int(np.isfinite(reached).sum())
     return f"{f'{median:.1f}' if np.isfinite(median) else 'never'} ({arrived} of {len(reached)} seeds)"
 
 

@@ -17,7 +17,7 @@ from iphyre_jax.scenes import GAMES, Scene
 from iphyre_jax.train.reports.report import markdown_table
 
 FIRST_LOOK: Final = 8  # steps to each side; the next look is twice as wide
-BOUNDS: Final = (0.5, 2.0)  # s; at either rate they part the games into about equal thirds, and no games of like slack
+BOUNDS: Final = (0.5, 2.0)  # s, round ones; games of equal slack are never parted
 
 
 def slack_of(scene: Scene, plan: npt.NDArray[np.int64], fps: int, resets: int) -> list[float | None]:

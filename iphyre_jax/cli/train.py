@@ -208,6 +208,8 @@ def _policy(command: Evaluate) -> tuple[TrainConfig, RunState]:
     configs, states = zip((config, state), *others, strict=True)
     if len({one.seed for one in configs}) < len(configs):
         raise ValueError(f"ensemble: expected runs of different seeds, got {', '.join(str(c.seed) for c in configs)}")
+    if len({runs.scene_sums_of(path) for path in (command.run, *command.ensemble)}) > 1:
+        raise ValueError("ensemble: expected runs on the same scenes, got others of one name")
     return config, state._replace(learner=ensemble(configs, [one.learner for one in states]))
 
 

@@ -33,6 +33,7 @@ from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, load_scenes
 
 LISTS: Final = {True: "succeed_actions.npy", False: "fail_actions.npy"}
 MAX_BYTES: Final = 200_000_000  # of one file
+LONGEST_NAME: Final = 255  # bytes of a folder's name, in usual file systems
 _GRID: Final = 1e-5  # s; a float32 time this near to a tenth of a second was drawn as that tenth
 _RESULTS: Final = 3  # columns after the times
 
@@ -66,7 +67,8 @@ def check_folder_names(argument: str, scenes: Sequence[Scene]) -> None:
     """Refuse scenes whose names cannot be those of folders beside each other; ValueError, one line."""
     check_names_differ(argument, scenes)
     for scene in scenes:
-        if Path(scene.name).name != scene.name or scene.name in ("", ".", ".."):
+        plain = Path(scene.name).name == scene.name and scene.name not in ("", ".", "..")
+        if not plain or len(os.fsencode(scene.name)) > LONGEST_NAME:
             raise ValueError(f"{argument}: expected names of scenes that can name folders, got {show(scene.name)}")
 
 

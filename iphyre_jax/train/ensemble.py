@@ -18,6 +18,7 @@ from iphyre_jax.train.algos.actor_critic import State
 from iphyre_jax.train.algos.networks import NOTHING
 from iphyre_jax.train.settings.agents import HeadName
 from iphyre_jax.train.settings.run import TrainConfig
+from iphyre_jax.train.storage.named_files import without_paths
 
 ALGORITHMS: Final = ("ppo", "a2c")
 HEADS: Final[tuple[HeadName, ...]] = (
@@ -43,9 +44,10 @@ def ensemble(configs: Sequence[TrainConfig], states: Sequence[State]) -> State:
     if first.agent not in ALGORITHMS or first.head not in HEADS:
         expected = f"{' or '.join(ALGORITHMS)} with one of the heads {', '.join(HEADS)}"
         raise ValueError(f"ensemble: expected {expected}, got {first.agent} with {first.head}")
-    for config in configs[1:]:
-        if replace(config, seed=first.seed) != first:
-            found = differences(replace(config, seed=first.seed).to_json(), first.to_json())
+    wanted, *others = (without_paths(replace(config, seed=first.seed)) for config in configs)
+    for other in others:
+        if other != wanted:
+            found = differences(other.to_json(), wanted.to_json())
             raise ValueError(f"ensemble: expected policies that differ in their seeds only, got {found}")
     members = tuple(state.params["policy"] for state in states)
     return State({"members": members}, NOTHING, jnp.zeros((), jnp.int32))

@@ -42,7 +42,7 @@ def test_other_tables_have_no_predictions() -> None:
 def test_a_seed_that_never_arrives_is_later_than_all_others() -> None:
     never = float("inf")
     times = [[33.1, never, 70.2, 39.3, never], [13.3, never, never, never, never], [never, never], [2.0, 4.0], []]
-    expected = ["70.2 (3 of 5 seeds)", "never (1 of 5 seeds)", "-", "3.0 (2 of 2 seeds)", "-"]
+    expected = ["70.2 (3 of 5 seeds)", "never (1 of 5 seeds)", "never (0 of 2 seeds)", "3.0 (2 of 2 seeds)", "-"]
     assert [agents_document._median_time(reached) for reached in times] == expected
 
 

@@ -88,13 +88,19 @@ def test_the_commands_evaluate_what_a_run_was_trained_on(
     monkeypatch.setattr(train_commands, "GAMES", GAMES)
     assert cli.run(["evaluate", "run", "--scenes", "hole.json"]) == 2
     assert "scenes: expected scenes of different names, got 'hole' twice" in capsys.readouterr().err
-    write_scene(own("hole"), "mine.json")
+    monkeypatch.setattr(train_commands, "GAMES", ("support",))
+    copy = Path("run/scenes/0/mine.json")
+    before = copy.read_bytes()
+    write_scene(own("hole"), copy)
     assert cli.run(["evaluate", "run"]) == 2
     assert "games: expected the scene that the run began with" in capsys.readouterr().err
-    Path("mine.json").unlink()
+    copy.write_bytes(before)
+    assert cli.run(["train", "--games", "mine.json", "support.json", *short[:-1], "two", "--seed", "1"]) == 0
+    for name in ("mine.json", "support.json"):
+        Path(name).unlink()
     Path("elsewhere").mkdir()
-    Path("run").rename("elsewhere/run")  # which has a copy of the scene
-    monkeypatch.setattr(train_commands, "GAMES", ("support",))
+    Path("run").rename("elsewhere/run")  # which has copies of the scenes
+    assert cli.run(["evaluate", "elsewhere/run", "--ensemble", "two"]) == 0
     assert cli.run(["evaluate", "elsewhere/run"]) == 0
     assert cli.run(["resume", "elsewhere/run", "--no-evaluate"]) == 0
     assert load_plays("elsewhere/run")[1].scene == own()

@@ -75,7 +75,24 @@ def test_a_run_goes_on_with_the_scene_that_it_began_with(
     monkeypatch.chdir("/")
     assert loop.resume(folder, console).finished  # wherever it is called from
     write_scene(replace(load_scene("hole"), name="mine"), tmp_path / "mine.json")
+    loop.resume(folder, console)  # with its copy, whatever lies there now
+    (tmp_path / "mine.json").unlink()
+    (tmp_path / "mine.json").mkdir()
+    loop.resume(folder, console)
+    write_scene(replace(load_scene("hole"), name="mine"), folder / "scenes" / "0" / "mine.json")
     with pytest.raises(ValueError, match=r"^games: expected the scene that the run began with, but .*mine\.json was"):
+        loop.resume(folder, console)
+
+
+def test_scenes_that_changed_places_are_others(tmp_path: Path, console: Console) -> None:
+    files = [tmp_path / f"{game}.json" for game in ("support", "hole")]
+    for file in files:
+        write_scene(replace(load_scene(file.stem), name=f"my {file.stem}"), file)
+    folder = loop.train(replace(CONFIG, games=tuple(map(str, files))), tmp_path / "run", console).folder
+    one, two = (folder / "scenes" / str(place) / file.name for place, file in enumerate(files))
+    one.write_bytes((before := two.read_bytes(), two.write_bytes(one.read_bytes()))[0])
+    assert one.read_bytes() == before
+    with pytest.raises(ValueError, match=r"^games: expected the scene that the run began with, but .* was changed$"):
         loop.resume(folder, console)
 
 

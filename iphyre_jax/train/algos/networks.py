@@ -153,9 +153,10 @@ def _slot_objects(rows: jax.Array, candidates: jax.Array) -> jax.Array:
     ends, centre = jnp.stack([rows[:, None, :, 0:2], rows[:, None, :, 2:4]]), candidates[:, :, None]
     away = jnp.abs(_centres(rows)[:, None] - centre)
     outside = jnp.maximum(ends.min(axis=0) - centre, centre - ends.max(axis=0))
-    away = jnp.where(((ends == 0) | (ends == 1)).any(axis=0), outside, away).max(axis=-1)
-    block = (rows[..., 5] > 0)[:, None, :]
-    return (block & (away < SAME_PLACE) & filled_slots(candidates)[:, :, None]).astype(jnp.float32)
+    between = jnp.where(((ends == 0) | (ends == 1)).any(axis=0), outside, away)
+    possible = (rows[..., 5] > 0)[:, None, :] & filled_slots(candidates)[:, :, None]
+    exact, clipped = (possible & (far.max(axis=-1) < SAME_PLACE) for far in (away, between))
+    return (exact | clipped & ~exact.any(axis=1, keepdims=True)).astype(jnp.float32)
 
 
 def network(config: TrainConfig, shape: tuple[int, ...], scale: float, *, dueling: bool = False) -> nn.Module:

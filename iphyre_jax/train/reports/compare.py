@@ -26,6 +26,7 @@ from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, tra
 from iphyre_jax.train.reports.statistics import Summary, summary
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import logs, runs
+from iphyre_jax.train.storage.named_files import without_paths
 
 KINDS: Final = ("greedy", "sampled")
 LARGEST: Final = 1e9  # size of a score
@@ -142,8 +143,7 @@ def rows(evaluated: Sequence[Evaluated]) -> list[Row]:
         raise ValueError("runs: expected at least one run folder")
     groups: dict[tuple[TrainConfig, int, tuple[str, ...]], list[Evaluated]] = {}
     for run in evaluated:
-        files = tuple(Path(game).name for game in run.config.games)  # whose sums say what is in them
-        alike = dataclasses.replace(run.config, seed=0, games=files)
+        alike = without_paths(dataclasses.replace(run.config, seed=0))
         groups.setdefault((alike, run.updates, run.scenes), []).append(run)
     rates = sorted({run.config.fps for run in evaluated})
     if len(rates) > 1:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -93,15 +92,12 @@ def check_start(config: TrainConfig, base: TrainConfig) -> None:
             of, default = (config, base) if hasattr(config, name) else (learner, base.learner)
             unused = getattr(of, name, None) == getattr(default, name, None)
             _require(of, name, unused, f"none without {needed}, as nothing would read it")
-    for game, times in Counter(config.games).items():
-        if times > 1:
-            raise ValueError(f"games: expected each game once, got {show(game)} {times} times")
     own = load_own_scenes(config.games)
     for scene in own:
         expected = f"scenes that are not called as a game of the package, got {show(scene.name)}; give it another name"
         if scene.name in ALL_GAMES:
             raise ValueError(f"games: expected {expected}")
-    check_names_differ("games", own)
+    check_names_differ("games", [load_scene(game) for game in config.games])
     if config.scene_pool and config.pool_share < 1:
         expected = f"more, of which the games keep a group of {GROUP} beside a pool_share of {config.pool_share:g}"
         _require(config, "episodes_per_scene", config.pool_groups < config.groups, expected)

@@ -16,7 +16,7 @@ from iphyre_jax.files import MAX_JSON, file_sum, read_json_object
 from iphyre_jax.provenance import versions
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
-from iphyre_jax.train.storage.named_files import without_paths
+from iphyre_jax.train.storage.named_files import with_own_scenes, without_paths
 
 FORMAT: Final = 3  # format 1 has the names of `old_names`; to 2, replay buffers kept rows of episodes that had ended
 STATE, MANIFEST, SUM = "state", "manifest.json", "manifest.sha256"
@@ -60,7 +60,8 @@ def verify(path: Path, config: TrainConfig, state_bytes: int) -> int:
     written = content["format"]
     if written not in range(1, FORMAT + 1):
         raise ValueError(f"expected format {FORMAT}, got {show(written)}: written by another version")
-    of = config_from_json(content["settings"], manifest, old=written == 1)  # newer settings have defaults
+    settings = with_own_scenes(path.parents[1], content["settings"])
+    of = config_from_json(settings, manifest, old=written == 1)  # newer settings have defaults
     if without_paths(of) != without_paths(config):
         raise ValueError("it belongs to other settings than config.json says")
     if content["update"] != int(path.name):

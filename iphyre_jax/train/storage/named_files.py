@@ -1,7 +1,7 @@
 """Files that the settings of a run name by paths: scene files, a scene pool, a world model. Runs are moved and copied.
 
-A run keeps copies of its scene files, in scenes/PLACE AMONG THE GAMES/. Pools and world models can be large: those with
-relative paths are looked for in the folders above the run too. Sums tell whether a file is the one that was named.
+A run keeps copies of its scene files, in scenes/PLACE AMONG THE GAMES/, and plays those. Pools and world models can be
+large: with relative paths they are looked for in the folders above the run too. Sums tell whether a file is the same.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.data.generated import generated_file
@@ -50,21 +50,31 @@ def copy_scenes(run: Path, config: TrainConfig) -> None:
             replace_bytes(copy, Path(game).read_bytes())
 
 
+def with_own_scenes(run: Path, settings: Any) -> Any:  # noqa: ANN401 - JSON, and the same back
+    """Return written settings of a run with the paths of its own copies of scene files, where it has them.
+
+    They are not checked yet: where the files lay first there may be others now, or what this user may not read.
+    """
+    games = settings.get("games") if isinstance(settings, dict) else None
+    if not isinstance(games, list) or not all(isinstance(game, str) for game in games):
+        return settings
+    return {**settings, "games": [_or_copy(run, place, game) for place, game in enumerate(games)]}
+
+
 def with_present_files(run: Path, config: TrainConfig) -> TrainConfig:
-    """Return the settings of a run with paths that are there: of its own copies of scenes, or nearest above it."""
-    games = tuple(_or_copy(run, place, game) for place, game in enumerate(config.games))
+    """Return the settings of a run with the paths of its pool and its world model where they are now."""
     pool = ",".join(path if path == SHIPPED else _nearest(run, path, _has_pool) for path in config.pool_paths)
     model = config.world_model
     if len(Path(model).parts) > 1:  # else it may be a name in the package
         model = _nearest(run, model, Path.is_dir)
-    return replace(config, games=games, scene_pool=pool, prediction=model or config.prediction)
+    return replace(config, scene_pool=pool, prediction=model or config.prediction)
 
 
 def without_paths(config: TrainConfig) -> TrainConfig:
-    """Return the settings without the paths of files whose sums are known: wherever they lie, they are the same."""
-    games = tuple(game if game in ALL_GAMES else "" for game in config.games)
-    pool = tuple("" if config.pool_sha256 and path != SHIPPED else path for path in config.pool_paths)
-    model = "" if config.prediction_sha256 else config.prediction
+    """Return the settings with the names alone of files that have sums: wherever they lie, those are the same."""
+    games = tuple(game if game in ALL_GAMES else Path(game).name for game in config.games)
+    pool = tuple(Path(path).name if config.pool_sha256 else path for path in config.pool_paths)
+    model = Path(config.prediction).name if config.prediction_sha256 else config.prediction
     return replace(config, games=games, scene_pool=",".join(pool), prediction=model)
 
 
@@ -73,17 +83,17 @@ def _copy(run: Path, place: int, game: str) -> Path:
 
 
 def _or_copy(run: Path, place: int, game: str) -> str:
-    """A game of the package, or a scene file that is there; else the run's copy of it, if it has one."""
     copy = _copy(run, place, game)
-    return game if game in ALL_GAMES or _is_there(game) or not _is_there(copy) else str(copy.absolute())
+    return str(copy.absolute()) if game not in ALL_GAMES and _is_there(copy) else game
 
 
 def _nearest(run: Path, path: str, there: Callable[[Path], bool]) -> str:
     """A relative path as it is if the file is there; else in the nearest folder above the run that has it, if any."""
     if Path(path).is_absolute() or _is_there(path, there):
         return path
-    above = (folder / path for folder in run.absolute().parents)
-    return next((str(found) for found in above if _is_there(found, there)), path)
+    above = (folder / path for folder in (*run.absolute().parents, *run.resolve().parents))
+    found = (str(file) for file in above if _is_there(file, there))
+    return next((file for file in found if "," not in file), path)  # commas stand between the files of a pool
 
 
 def _is_there(path: str | Path, there: Callable[[Path], bool] = Path.is_file) -> bool:

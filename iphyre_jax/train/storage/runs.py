@@ -17,15 +17,17 @@ from pathlib import Path
 from typing import Final
 
 from iphyre_jax.checks import show
+from iphyre_jax.data.dataset import scene_sum
 from iphyre_jax.files import read_json_object, replace_bytes, replace_json, replace_text
 from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
+from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.evaluate import Evaluation
 from iphyre_jax.train.reports.report import markdown
 from iphyre_jax.train.settings.codec import config_from_json
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs
-from iphyre_jax.train.storage.named_files import copy_scenes, scene_sums, with_present_files
+from iphyre_jax.train.storage.named_files import copy_scenes, scene_sums, with_own_scenes, with_present_files
 from iphyre_jax.train.trainer import RunState
 
 SCHEMA: Final = "iphyre_jax/run"
@@ -93,9 +95,10 @@ def check_scenes(path: Path, config: TrainConfig) -> None:
     Raises:
         ValueError, OSError: one line; a scene file among the games was changed, or is gone.
     """
-    begun = scene_sums_of(path)
-    for file, found in scene_sums(config).items():
-        if begun and found not in begun:
+    content = read_json_object(path / CONFIG)
+    begun, named = content.get(SCENES), content["settings"].get("games", ())  # sums, by the paths that they began with
+    for name, file in zip(named, config.games, strict=True):
+        if isinstance(begun, dict) and name in begun and begun[name] != scene_sum(load_scene(file)):
             raise ValueError(f"games: expected the scene that the run began with, but {file} was changed")
 
 
@@ -122,7 +125,7 @@ def publish(path: Path, published: Path) -> None:
 
 
 def read_config(path: Path) -> TrainConfig:
-    """The settings of a run; paths of files that are not there any more are those of `with_present_files`.
+    """The settings of a run, with the paths of the files that it names where they are now (`named_files`).
 
     Raises:
         FileNotFoundError, ValueError: one line naming the file and what is wrong with it.
@@ -135,7 +138,8 @@ def read_config(path: Path) -> TrainConfig:
         raise ValueError(f'{file}: schema: expected "{SCHEMA}"')
     if content.get("version") not in (2, VERSION):
         raise ValueError(f"{file}: version: expected {VERSION}, got {show(content.get('version'))}")
-    return with_present_files(path, config_from_json(content.get("settings"), file, old=content["version"] == 2))
+    settings = with_own_scenes(path, content.get("settings"))
+    return with_present_files(path, config_from_json(settings, file, old=content["version"] == 2))
 
 
 def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tuple[TrainConfig, RunState]:

@@ -78,6 +78,19 @@ def test_blocks_at_the_edge_of_the_picture_are_seen() -> None:
     np.testing.assert_array_equal(_slot_objects(found.rows, found.candidates)[0, :, :6], np.eye(6) * slot_mask(obs))
 
 
+def test_a_block_between_the_ends_of_another_is_no_other() -> None:
+    builder = SceneBuilder("crossing")
+    for ends in ((0, 100, 300, 300), (20, 200, 80, 200)):
+        builder.block(ends[:2], ends[2:], eliminable=True)
+    builder.ball((400, 100))
+    found = parts(start_observations("in-advance", "official", [builder.build()]))
+    wanted = np.zeros((6, 12))
+    wanted[0, 0] = wanted[1, 1] = 1
+    np.testing.assert_array_equal(_slot_objects(found.rows, found.candidates)[0], wanted)
+    wanted[1, 1] = 0
+    np.testing.assert_array_equal(_slot_objects(found.rows.at[:, 1].set(0), found.candidates)[0], wanted)
+
+
 @pytest.mark.slow
 def test_the_first_policy_is_the_prior_for_every_scene() -> None:
     config = TrainConfig(hidden_sizes=(32,))

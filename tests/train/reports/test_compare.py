@@ -80,6 +80,14 @@ def test_seeds_share_the_contents_of_their_scene_files() -> None:
     assert compare.names(rows) == [f"{name}, scenes 11111111 22222222", f"{name}, scenes 11111111 33333333"]
 
 
+def test_seeds_share_a_pool_wherever_it_lies() -> None:
+    pooled = dataclasses.replace(preset(), pool_sha256="1" * 64)
+    one, two = (dataclasses.replace(pooled, scene_pool=path) for path in ("data/pool.npz", "/moved/data/pool.npz"))
+    other = dataclasses.replace(one, pool_sha256="2" * 64)
+    rows = compare.rows([run(config, seed, 1.0) for seed, config in enumerate((one, two, other))])
+    assert [len(row.seeds) for row in rows] == [2, 1]
+
+
 def test_rates_never_share_a_table() -> None:
     config = preset("ppo", "combined")
     with pytest.raises(ValueError, match=r"expected one frame rate, got 10, 60"):

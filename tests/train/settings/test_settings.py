@@ -231,7 +231,7 @@ def test_a_setting_that_nothing_reads_is_refused(settings: dict[str, Any], messa
 
 
 def test_a_run_has_each_game_once() -> None:
-    with pytest.raises(ValueError, match=r"^games: expected each game once, got 'hole' 2 times$"):
+    with pytest.raises(ValueError, match=r"^games: expected scenes of different names, got 'hole' twice$"):
         TrainConfig(games=("hole", "fill", "hole")).check_start()
 
 
