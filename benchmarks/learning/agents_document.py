@@ -40,10 +40,11 @@ TITLES: Final[Mapping[str, str]] = MappingProxyType(
         "them. SAC, and `objects` of PPO and A2C, were trained beside other work: their seconds are too many.",
         "results-paper": "# Results by the paper's settings\n\nSettings of the paper and of its code, with RLlib's "
         "defaults where that code sets nothing, in our trainer; below them the paper's own numbers. The docstring of "
-        "`iphyre_jax/train/settings/presets.py` names what RLlib does otherwise. Above all it maps the times of DDPG "
-        "twice: the paper's DDPG can only act from 7.5 to 15 s. Ours can choose 0 s, which removes nothing and has no "
-        "gradient, and ends there. SAC-O diverges in all seeds: its entropy stays under the target, so alpha grows to "
-        "tens and hundreds of thousands of points a nat, and its values are noise.",
+        "`iphyre_jax/train/settings/presets.py` names what RLlib does otherwise. DDPG-I ends at doing nothing: within "
+        "its first updates it comes to times that remove nothing, 0 or 15 s, where its network has no gradient. The "
+        "paper's DDPG can only act from 7.5 to 15 s, but that alone does not explain its score "
+        "(`docs/decisions/training.md`). SAC-O diverges in all seeds: its entropy stays under the target, so alpha "
+        "grows to tens and hundreds of thousands of points a nat, and its values are noise.",
     }
 )  # of documents that are not simply results
 PAPER_BASIC: Final = paper_numbers()["agents"]["PPO-I"]["basic"][0]  # points

@@ -108,7 +108,8 @@ def document(policies: Sequence[Policy], oracles: Mapping[int, Mapping[str, Row]
     shares = ", ".join(f"{value:.2f}" for value in paper_numbers()["failures_by_timing"])
     parts.append(
         "As the paper divides: failures in whose order that of the oracle at 60 steps a second occurs, of all. "
-        f"The paper states {shares} % for PPO, A2C and SAC, and does not define the right order."
+        f"The paper states {shares} % for PPO, A2C and SAC, and does not define the right order. The other columns "
+        "leave out games without a known plan; the second and the third also those whose best plan removes nothing."
     )
     return "\n\n".join(parts) + "\n"
 

@@ -83,14 +83,18 @@ def document(rows: Mapping[str, Row]) -> str:
         "# Protocol",
         "Written by `iphyre-jax analyse protocols`. One fixed policy, the best of five seeds on the basic games and "
         "their unseen layouts, and five protocols: mean reward over the forty games and, after ±, the standard "
-        "deviation of what a single use of the protocol reports. Rates never share a table.",
+        "deviation of what a single use of the protocol reports, over so many uses: that of few uses is rough. Rates "
+        "never share a table.",
     ]
     for fps in sorted({int(row["fps"]) for row in rows.values()}):
         chosen = {name: rows[name] for name in POLICIES if name in rows and rows[name]["fps"] == fps}
         first = next(iter(chosen.values()))
-        cells = [[title, *(_cell(row["protocols"][title]) for row in chosen.values())] for title in first["protocols"]]
+        cells = [
+            [title, str(score["repetitions"]), *(_cell(row["protocols"][title]) for row in chosen.values())]
+            for title, score in first["protocols"].items()
+        ]
         parts.append(f"## {fps} steps a second, reset {first['resets']}, {first['dtype']}")
-        parts.append(markdown_table(["protocol", *chosen], cells))
+        parts.append(markdown_table(["protocol", "uses", *chosen], cells))
     return "\n\n".join(parts) + "\n"
 
 

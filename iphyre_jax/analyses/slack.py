@@ -76,10 +76,11 @@ def document(oracles: Mapping[int, Mapping[str, Row]], policies: Sequence[Policy
     """Return the document: the smallest slack of each game's best plan, and agents' successes by it."""
     parts = [
         "# Slack",
-        "Written by `iphyre-jax analyse slack`. Smallest width, over the removals of the best plan, of the interval in "
-        "which that removal may fall: how exact the timing must be. Policies: shipped ones (each the best of "
-        "five seeds), share of 20 sampled episodes solved, mean over the games of each range of slack; Spearman's "
-        "rank correlation of the two over all of these games.",
+        "Written by `iphyre-jax analyse slack`. Smallest width, over the removals of the plan with the highest reward, "
+        "of the interval in which that removal may fall: how exact the timing of that plan is. Plans that solve a game "
+        "with one removal more, or later, may leave far more room. Policies: shipped ones (each the best of five "
+        "seeds), share of 20 sampled episodes solved, mean over the games of each range of slack; Spearman's rank "
+        "correlation of the two over all of these games.",
     ]
     for fps, rows in oracles.items():
         least = {game: width for game, row in rows.items() if (width := least_slack(row)) is not None}

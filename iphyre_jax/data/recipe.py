@@ -24,7 +24,7 @@ POSE_DTYPES: Final = ("float32", "float64")
 SPLIT: Final = "train"
 MOST_FPS: Final = int(MAX_STEPS / TIME_LIMIT) - 1  # a step's number is an int16
 MOST_OF_A_KIND: Final = 100_000
-MAX_DRAWS: Final = 20_000  # of a game, by default; seesaw_angle is solved by one plan in a thousand
+MAX_DRAWS: Final = 20_000  # of a game, by default; few random plans solve seesaw_angle
 MOST_DRAWS: Final = 1_000_000
 _BYTES_OF_DRAW: Final = 600  # of a plan, its label and its key, in lists and sets
 

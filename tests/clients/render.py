@@ -13,9 +13,9 @@ PAGE = Path(__file__).parents[2] / "docs" / "results" / "clients.md"
 HEAD = f"""# Clients
 
 Trainers and libraries of others that run over the environments as they are, in the versions of `tests/clients/*.txt`.
-Written by `make test-clients`. An agent trains on one game for about a minute of an idle machine, compilation included.
-It must lead random play by {MARGIN:g} points and by {SURE:g} standard errors. Scores are mean rewards of sampled
-episodes, ± one standard error. *s* is processor time.
+Written by `make test-clients`. An agent trains on one game, where nothing else is said. It must lead random play by
+{MARGIN:g} points and by {SURE:g} standard errors. Scores are mean rewards of sampled episodes, ± one standard error.
+*s* is processor time, compilation included.
 [Other libraries](../guide/clients/index.md) has the lines to copy.
 
 | client | version | what ran | score | random | seed | fps | s | commit |

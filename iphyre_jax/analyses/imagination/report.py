@@ -206,9 +206,9 @@ def _people(
             + ", ".join(f"{s:g} px with {n} plans ({count} of {HALVES})" for (s, n), count in often[:3])
             + ".",
             "### Correlation with people over the forty games (Spearman)",
-            "In sample: the number of plans is the one that was fitted most often to these scores, so the highest of "
-            "the planners is flattered; the test is the table above. Policies of 10 steps a second stand here only for "
-            "the order of the games.",
+            "In sample: the number of plans is that of the pair that was fitted most often to these scores, so the "
+            "highest of the planners is flattered; the test is the table above. Policies of 10 steps a second stand "
+            "here only for the order of the games.",
             markdown_table(["scores of", "correlation"], correlations),
             f"### Game by game, hardest for people first; planner with {best[0]:g} px and {best[1]} plans",
             markdown_table(

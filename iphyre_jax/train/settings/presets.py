@@ -24,8 +24,9 @@ generated ones.
   weight of the entropy, grows without bound, and rewards drown in it.
 * A2C takes a gradient step every 500 decisions; RLlib takes one every 32, with which ours collapses in the end (see
   `docs/decisions/training.md`). Its policy and value share no layers.
-* DDPG's times reach from 0 to 15 s. RLlib maps them twice, so that its DDPG can only choose from 7.5 to 15 s. Ours can
-  end at 0 s, which never removes and has no gradient. Its noise is not correlated in time, and larger.
+* DDPG's times reach from 0 to 15 s. RLlib maps them twice, so that its DDPG can only choose from 7.5 to 15 s. Ours ends
+  at times that never remove, where its network has no gradient; within RLlib's bounds it ends at a plan as bad. Its
+  noise is not correlated in time, and larger. Its replay is uniform, where RLlib's is prioritised.
 """
 
 from __future__ import annotations
