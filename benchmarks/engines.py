@@ -14,7 +14,6 @@ FLOAT32 = "iphyre_jax float32"
 FLOAT64 = "iphyre_jax float64"
 OFFICIAL = "official class"
 JAX2D = "Jax2D"
-PARTS = ("official", "jax2d")  # engines that need an environment of their own
 
 
 def ours(dtype: str, cores: int, plans_per_game: int, *options: str) -> Engine:
@@ -29,7 +28,7 @@ def engines(cores: int, plans_per_game: int, without: Sequence[str]) -> tuple[li
     Args:
         cores: processes or threads of each engine.
         plans_per_game: of this project at 10 fps; the slower engines get fewer, so that a repeat stays short.
-        without: names in PARTS to leave out.
+        without: engines to leave out that need an environment of their own: "official", "jax2d".
     """
 
     def share(part: int) -> int:

@@ -19,6 +19,7 @@ FRAMES: Final = 150  # decisions of 0.1 s in an episode
 NEVER: Final = -1  # in a plan of steps: the block stays
 
 OFFICIAL_FPS: Final = 10  # physics steps a second of the official environments
+PEOPLE_FPS: Final = 60  # physics steps a second of people in the paper, and of the official data sets
 OFFICIAL_RESETS: Final = 2  # they build their space, clear it and build it again before the first episode
 
 SUCCESS_REWARD: Final = 1000.0

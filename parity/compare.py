@@ -25,7 +25,6 @@ class PlanComparison:
     Attributes:
         error: px, largest distance of a moving object from its place in the reference while it is in play; inf if our
             play ends in a fault or holds a value that is not finite.
-        angle_error: rad, the same for the angles.
         error_over_time: (B, bins) px, float32, the largest such distance in every `BIN` seconds; NaN where nothing is
             in play.
         identical: every pose of every moving object, in play or not, is equal bit for bit.
@@ -39,7 +38,6 @@ class PlanComparison:
     """
 
     error: Floats
-    angle_error: Floats
     error_over_time: NDArray[np.float32]
     identical: Bools
     reference_success: Bools
@@ -67,8 +65,8 @@ def in_play(samples: Floats) -> Bools:
     return inside & (samples[..., 1] <= IN_PLAY_MAX_Y)
 
 
-def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> tuple[Floats, Floats]:
-    """Position (px) and angle (rad) errors of one plan.
+def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> Floats:
+    """Errors of the places of one plan, px.
 
     Args:
         reference: (K, N, 3) poses.
@@ -77,17 +75,12 @@ def play_errors(reference: Floats, ours: Floats, moving: Bools, last: int) -> tu
         last: index of the reference's last sample; later ones only repeat its last pose.
 
     Returns:
-        Two arrays (last + 1,): for every sample the largest error of any moving object that is in play in the
-        reference, NaN if none is. A pose of ours that is not finite counts as infinitely far.
+        (last + 1,) for every sample the largest error of any moving object that is in play in the reference, NaN if
+        none is. A place of ours that is not finite counts as infinitely far.
     """
     theirs, mine = reference[: last + 1, moving], ours[: last + 1, moving]
-    offset = mine - theirs
-    counted = in_play(theirs)
-    distance, angle = (
-        np.where(counted, np.where(np.isfinite(error), error, np.inf), np.nan)
-        for error in (np.hypot(offset[..., 0], offset[..., 1]), np.abs(offset[..., 2]))
-    )
-    return largest(distance, 1), largest(angle, 1)
+    distance = np.hypot(mine[..., 0] - theirs[..., 0], mine[..., 1] - theirs[..., 1])
+    return largest(np.where(in_play(theirs), np.where(np.isfinite(distance), distance, np.inf), np.nan), 1)
 
 
 def largest(errors: NDArray[Any], axis: int) -> NDArray[Any]:
@@ -151,9 +144,8 @@ def compare_plans(
     same_steps = np.asarray(ours.steps) == reference_steps
     same_poses = [_same_bits(one.samples[:, moving], samples[:, moving]) for one, samples in pairs]
     return PlanComparison(
-        error=np.where(sound, [_overall(distance) for distance, _ in errors], np.inf),
-        angle_error=np.where(sound, [_overall(angle) for _, angle in errors], np.inf),
-        error_over_time=np.stack([binned(distance, fps / every, expected[1]) for distance, _ in errors]),
+        error=np.where(sound, [_overall(distance) for distance in errors], np.inf),
+        error_over_time=np.stack([binned(distance, fps / every, expected[1]) for distance in errors]),
         identical=np.array(same_poses) & same_steps & sound,
         reference_success=np.array([reference.success for reference in references]),
         reference_steps=reference_steps,

@@ -55,9 +55,8 @@ from iphyre_jax.kept_rows import Row, kept_row, read_row, read_rows, rows_there
 from iphyre_jax.models.outcome.plays.augmented import scenes_of
 from iphyre_jax.models.outcome.plays.proposals import proposals_of
 from iphyre_jax.models.outcome.ranker import Refinement, stage_folder, trained_ranker
+from iphyre_jax.models.outcome.storage import FILES, OutcomeClassifier, load_classifier
 from iphyre_jax.models.outcome.storage import WEIGHTS as RANKERS
-from iphyre_jax.models.outcome.storage import OutcomeClassifier, load_classifier, save_classifier
-from iphyre_jax.models.outcome.storage import names as classifier_names
 from iphyre_jax.provenance import provenance
 from iphyre_jax.scenes import SPLITS, Scene
 from iphyre_jax.train.algos.base import State
@@ -212,14 +211,14 @@ def _shipped(fps: int) -> dict[str, Policy]:
 def _ranker_folder(root: Path, fps: int, ranking: Ranking) -> Path | None:
     """Folder of a rate's classifier; None if it is not trained."""
     folder = stage_folder(root / f"{fps}fps" / RANKED, ranking.refinements)
-    return folder if ranker_config(fps).name in classifier_names(folder) else None
+    return folder if ranker_config(fps).name in FILES.names(folder) else None
 
 
 def _ship(root: Path, weights: Path) -> None:
     """Write the refined classifiers that are trained into a folder."""
     for fps in RESETS:
         if (folder := _ranker_folder(root, fps, Ranking(REFINEMENTS[fps]))) is not None:
-            save_classifier(load_classifier(ranker_config(fps).name, folder), weights)
+            FILES.save(weights, load_classifier(ranker_config(fps).name, folder))
 
 
 def main(arguments: Arguments) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 from benchmarks.learning.on_the_fly import runs_in
 from iphyre_jax.analyses.figures import COLUMNS
 from iphyre_jax.analyses.oracle import RESETS, shipped
-from iphyre_jax.analyses.people import FPS as RATE_OF_PEOPLE
 from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.intervals import Estimate, mean_interval
 from iphyre_jax.kept_rows import Row
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 from iphyre_jax.train.reports.statistics import summary
@@ -215,7 +215,7 @@ def _best_table(found: Mapping[str, Row], fps: int) -> str:
     cells = [
         [name, *(_within(group, GAMES, k) for k in SHOWN), _solved(group, 5)] for name, group in _groups(found).items()
     ]
-    if fps == RATE_OF_PEOPLE:
+    if fps == PEOPLE_FPS:
         cells.append(["people", "-", "-", f"{np.mean(list(scores_of_people().values())):.1f}", "-", "-"])
     best = np.mean([row["reward"] for row in shipped(fps).values()])
     cells.append(["best known", *[f"{best:.1f}"] * len(SHOWN), "-"])

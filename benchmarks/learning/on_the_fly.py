@@ -128,7 +128,7 @@ def _seeds(root: Path) -> str:
             continue
         (row,) = compare.rows([compare.read(folder) for folder in wanted])
         greedy, sampled = (_summary(row, kind, "basic") for kind in ("greedy", "sampled"))
-        both = [f"{of.mean:.1f} [{of.low:.0f}, {of.high:.0f}]" for of in (greedy, sampled)]
+        both = [f"{of.mean:.1f} {of.estimate.bounds()}" for of in (greedy, sampled)]
         unseen = [f"{_summary(row, kind, 'unseen_basic').mean:.1f}" for kind in ("greedy", "sampled")]
         rows.append([name, *both, f"{greedy.mean - sampled.mean:+.1f}", *unseen])
     header = [

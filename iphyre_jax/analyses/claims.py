@@ -20,6 +20,7 @@ from iphyre_jax.intervals import Estimate, bootstrap
 from iphyre_jax.kept_rows import Row
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.scenes import GAMES
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.compare import Row as Seeds
 from iphyre_jax.train.reports.compare import difference
 from iphyre_jax.train.reports.report import markdown_table
@@ -92,7 +93,7 @@ def _strategies(seeds: Mapping[str, Seeds]) -> list[Claim]:
 
 def _estimate(found: Summary | None) -> Estimate:
     """A mean over seeds; unknown if agents share none."""
-    return Estimate(found.mean, found.low, found.high) if found else Estimate(np.nan, np.nan, np.nan)
+    return found.estimate if found else Estimate(np.nan, np.nan, np.nan)
 
 
 def _listed(found: Mapping[str, Estimate]) -> str:
@@ -107,7 +108,7 @@ def _of_all(hits: int, count: int) -> str:
 def _splits() -> list[Claim]:
     """Correlations of splits over the paper's agents that learn, and people's spread."""
     agents = [scores for name, scores in paper_numbers()["agents"].items() if name not in ("Human", "Oracle", "Random")]
-    of_split = {split: [scores[split][0] for scores in agents] for split in COLUMNS if split != "all"}
+    of_split = {split: [scores[split][0] for scores in agents] for split in PAPER_SPLITS}
     basic = of_split.pop("basic")
     follows = {split: bootstrap(pearson, basic, found) for split, found in of_split.items()}
     noisy = of_split.pop("noisy")
@@ -116,7 +117,7 @@ def _splits() -> list[Claim]:
         for split, found in of_split.items()
     }
     people = by_split(scores_of_people())
-    means = [people[split] for split in COLUMNS if split != "all"]
+    means = [people[split] for split in PAPER_SPLITS]
     spread = max(means) - min(means)
     return [
         Claim(
@@ -146,7 +147,7 @@ def _difficulty(rows: Mapping[str, Row] | None) -> list[Claim]:
     found = agreement(rows)
     counts = {game: iterations(rows[game]) for game in GAMES}
     logs = by_split({game: float(np.log(count)) for game, count in counts.items()})
-    splits = {split: float(np.exp(logs[split])) for split in COLUMNS if split != "all"}
+    splits = {split: float(np.exp(logs[split])) for split in PAPER_SPLITS}
     hardest = sorted(GAMES, key=lambda game: -counts[game])[:2]
     places = {
         game: sorted(COLUMNS[split], key=lambda each: -counts[each]).index(game) + 1
@@ -244,7 +245,7 @@ def _classifiers() -> list[Claim]:
 
 def _language_model() -> Claim:
     """Two solved games cannot give three means above zero."""
-    means = dict(zip([split for split in COLUMNS if split != "all"], paper_numbers()["language_model"], strict=True))
+    means = dict(zip(list(PAPER_SPLITS), paper_numbers()["language_model"], strict=True))
     positive = [split for split, mean in means.items() if mean > 0]
     return Claim(
         "The language model solves support and noisy_support only",

@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.intervals import Estimate
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import GAME_LISTS, PAPER_SPLITS
 
-TESTED: Final = ("basic", "noisy", "compositional", "multi_ball")
-COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {**{split: SPLITS[split] for split in TESTED}, "all": GAMES}
+COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {name: GAME_LISTS[name] for name in (*PAPER_SPLITS, "all")}
 """The paper's splits and all forty games."""
 
 _NORMAL: Final = 1.959963984540054  # 97.5 % quantile of the normal distribution

@@ -11,12 +11,12 @@ from typing import Final
 from iphyre_jax.analyses.figures import COLUMNS, by_split
 from iphyre_jax.analyses.oracle import shipped
 from iphyre_jax.paper import paper_numbers
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.scenes.library import SPLIT_OF
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 FAILURE: Final = -40.0  # points of a typical failure
-FPS: Final = 60
 
 
 def scores() -> dict[str, float]:
@@ -26,7 +26,7 @@ def scores() -> dict[str, float]:
 
 def success_rates() -> dict[str, float]:
     """Return the derived share of people who solved each game: (H + 40) / (R + 40), R the best reward known."""
-    best = shipped(FPS)
+    best = shipped(PEOPLE_FPS)
     return {game: (score - FAILURE) / (best[game]["reward"] - FAILURE) for game, score in scores().items()}
 
 

@@ -89,4 +89,4 @@ def within_template_document(rows: Mapping[str, Row]) -> str:
 def _of_seeds(row: Row) -> list[str]:
     """Greedy reward of basic and unseen basic games, and the difference."""
     found = row.summary(GREEDY, "basic"), row.summary(GREEDY, "unseen_basic"), unseen_difference(row)
-    return [f"{of.mean:.1f} [{of.low:.0f}, {of.high:.0f}]" if of else "-" for of in found]
+    return [f"{of.mean:.1f} {of.estimate.bounds()}" if of else "-" for of in found]

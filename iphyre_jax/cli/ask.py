@@ -23,7 +23,8 @@ from iphyre_jax.cli.signals import resumable, until_signal
 from iphyre_jax.files import check_apart, replace_json, replace_text
 from iphyre_jax.locks import LOCK, lock_file, locked
 from iphyre_jax.provenance import provenance
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes import GAMES
+from iphyre_jax.scenes.library import GAME_LISTS
 from iphyre_jax.train.reports.printing import say
 
 ROWS_SCHEMA = "iphyre_jax/ask-rows"
@@ -78,7 +79,7 @@ class Ask:
     def settings(self) -> RunSettings:
         """Return what decides the run; errors in one line."""
         named = self.games or GAMES
-        games = tuple(game for name in named for game in SPLITS.get(name, (name,)))
+        games = tuple(game for name in named for game in GAME_LISTS.get(name, (name,)))
         call = CallSettings(self.temperature, self.max_tokens, self.completion_tokens)
         return RunSettings(
             games, self.prompt, self.strategy, self.feedback, self.attempts, self.samples, self.fps, call

@@ -29,8 +29,9 @@ from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
-from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
+from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, PEOPLE_FPS
+from iphyre_jax.scenes import GAMES, Scene, load_scene
+from iphyre_jax.scenes.library import GAME_LISTS
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State
 from iphyre_jax.train.algos.registry import algorithm
@@ -40,7 +41,6 @@ from iphyre_jax.train.storage import pretrained, runs
 from iphyre_jax.viewer.plays import holds_plays, iter_plays
 
 PLANS_AT_ONCE = 256  # of a policy
-WORLD_FPS: Final = 60  # of people and of the official data
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Collect:
     @property
     def world_fps(self) -> int:
         """Physics steps a second of a set that no policy plays."""
-        return WORLD_FPS if self.fps is None else self.fps
+        return PEOPLE_FPS if self.fps is None else self.fps
 
 
 def run(command: Collect, console: Console) -> int:
@@ -191,7 +191,7 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
     if command.distribution != "policy" and command.policy is not None:
         raise ValueError(f"policy: expected none without --distribution policy, got {show(command.policy)}")
     policy = None if command.policy is None else _trained(command.policy)
-    fps, resets = (WORLD_FPS, 1) if policy is None else (policy[0].fps, policy[0].resets)
+    fps, resets = (PEOPLE_FPS, 1) if policy is None else (policy[0].fps, policy[0].resets)
     rule: Rule = "simulate" if policy is None else "in_advance"
     return collect(
         _games(command.games) if command.games else list(GAMES),
@@ -215,8 +215,7 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
 
 def _games(words: tuple[str, ...]) -> list[str]:
     """Return the games that words name, each once: games, scene files, splits or all."""
-    lists = {**SPLITS, "all": GAMES}
-    return list(dict.fromkeys(game for word in words for game in lists.get(word, (word,))))
+    return list(dict.fromkeys(game for word in words for game in GAME_LISTS.get(word, (word,))))
 
 
 def _load(

@@ -22,8 +22,8 @@ from iphyre_jax.checks import check_whole
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
-from iphyre_jax.scenes import GAMES, SPLITS, SceneLike, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, load_own_scenes
+from iphyre_jax.scenes import GAMES, SceneLike, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES, GAME_LISTS, check_names_differ, load_own_scenes
 from iphyre_jax.train import loop
 from iphyre_jax.train.ahead import compiled_ahead
 from iphyre_jax.train.ensemble import ensemble
@@ -254,7 +254,7 @@ def _print_attempts(
         table.add_column(title, justify="right" if title else "left")
     own = [scene.name for scene in load_own_scenes(config.games)]
     others = [name for name in tried.games if name not in (*ALL_GAMES, *own)]
-    for split, names in {**SPLITS, "all": GAMES, OWN: own, OTHER: others}.items():
+    for split, names in {**GAME_LISTS, OWN: own, OTHER: others}.items():
         rows = [tried.games.index(name) for name in names if name in tried.games]
         if not rows:
             continue

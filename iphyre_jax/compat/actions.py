@@ -14,11 +14,11 @@ from iphyre_jax.compat.games import scene_of
 from iphyre_jax.execution.compilation.executables import executable
 from iphyre_jax.execution.programs import Score, pack_timing, world_layout
 from iphyre_jax.plans import official_clock, plan_to_steps
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene, step_timing
 from iphyre_jax.scenes.limits import MOST_OBJECTS
 
-FPS = 60
 DTYPE = "float64"
 BATCH = 64  # plans played side by side; those beyond the last one needed are dropped
 
@@ -151,14 +151,16 @@ def draw_plans(instants: list[float], blocks: int, slots: int, seed: int, epsilo
 def _score_plans(scene: Scene, plans: list[Action], resets: int) -> list[tuple[int, int, float]]:
     """Play plans in successive resets of one space; return solved, blocks removed and seconds of each."""
     compiled = [compile_scene(scene, resets=resets + k, dtype=DTYPE) for k in range(len(plans))]
-    steps = plan_to_steps(np.array(plans), FPS, "simulate").astype(np.int32)
+    steps = plan_to_steps(np.array(plans), PEOPLE_FPS, "simulate").astype(np.int32)
     program = Score(compiled[0][0], DTYPE, BATCH, steps.shape[1])
     worlds = world_layout(program.topology, DTYPE).pack_many([world for _, world in compiled])
-    frames = np.array([len(official_clock(FPS))], np.int32)
-    counts = executable(program)(worlds, np.ascontiguousarray(steps.T), pack_timing(step_timing(FPS, DTYPE)), frames)[0]
+    frames = np.array([len(official_clock(PEOPLE_FPS))], np.int32)
+    counts = executable(program)(
+        worlds, np.ascontiguousarray(steps.T), pack_timing(step_timing(PEOPLE_FPS, DTYPE)), frames
+    )[0]
     solved, removed, fault = counts[0], counts[2], counts[3]
     if fault.any():
         raise RuntimeError(f"{scene.name}: the world is no longer sound (fault {fault.max()})")
-    instants = official_clock(FPS)
-    seconds = np.append(instants, instants[-1] + 1 / FPS)[counts[1]]
+    instants = official_clock(PEOPLE_FPS)
+    seconds = np.append(instants, instants[-1] + 1 / PEOPLE_FPS)[counts[1]]
     return [(int(good), int(gone), float(end)) for good, gone, end in zip(solved, removed, seconds, strict=True)]

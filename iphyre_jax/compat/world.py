@@ -74,7 +74,7 @@ class OfficialStep:
         state = eliminate(self.topology, world, before.state, world.plan_slot == command[0])
         going = EpisodeState(state, replace(before.result, done=no, success=no))
         never = jnp.full((1, 1), NO_SLOT, jnp.int32)
-        request = PlayRequest(jnp.zeros(1, jnp.int32), never, state.step + command[1])
+        request = PlayRequest(never, state.step + command[1])
         return layout.pack(run_requests(self.topology, programs.unpack_timing(numbers), world, request, going))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from iphyre_jax.data.journal import Journal
 from iphyre_jax.execution.devices import partition_of
 from iphyre_jax.execution.plan_batch import PlanBatch, Settings
 from iphyre_jax.plans import Rule, plan_to_steps
-from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES
+from iphyre_jax.rules import DECISIONS_PER_SECOND, FRAMES, OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import compile_scene
 from iphyre_jax.simulation import simulate_many
@@ -64,6 +64,11 @@ class PlayProtocol:
     fps: int = 60
     rule: Rule = "simulate"
     resets: int = FRESH
+
+    @classmethod
+    def at(cls, fps: int) -> Self:
+        """As people play at a rate; at the rate of the official environments, as in them."""
+        return cls(fps, "in_advance", OFFICIAL_RESETS) if fps == OFFICIAL_FPS else cls(fps)
 
     @property
     def frames(self) -> int:

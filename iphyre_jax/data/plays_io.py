@@ -27,13 +27,12 @@ from iphyre_jax.data.labels import PlayProtocol, label_plans
 from iphyre_jax.data.recipe import MOST_FPS, Recipe
 from iphyre_jax.files import parse_json, replace_text
 from iphyre_jax.plans import official_clock, steps_to_times
-from iphyre_jax.rules import NEVER, TIME_LIMIT
+from iphyre_jax.rules import NEVER, PEOPLE_FPS, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES, hint, is_game
 from iphyre_jax.viewer.line_files import read_lines
 from iphyre_jax.viewer.plays import Play, is_name
 
-FPS: Final = 60
 FIELDS: Final = ("player", "game", "episode", "actions", "reward")
 MAX_LINE: Final = 100_000  # bytes
 MAX_EPISODE: Final = 999  # files of plays know resets up to 1000
@@ -90,7 +89,7 @@ def _line(data: object, source: str) -> PlayerLine:
         raise ValueError(f"{source}: game: expected the name of a game, got {show(given)} ({hint(str(given))})")
     scene = load_scene(data["game"])
     plan = _plan(scene, data["actions"], source)
-    return PlayerLine(Play(str(player), scene, plan, FPS, "float64", episode + 1), episode, float(reward))
+    return PlayerLine(Play(str(player), scene, plan, PEOPLE_FPS, "float64", episode + 1), episode, float(reward))
 
 
 def _is_number(value: object) -> bool:
@@ -100,7 +99,7 @@ def _is_number(value: object) -> bool:
 
 def _plan(scene: Scene, actions: Any, source: str) -> tuple[int, ...]:  # noqa: ANN401
     """Return the steps of clicks; a click at t goes before the step whose clock shows t."""
-    clock = official_clock(FPS)
+    clock = official_clock(PEOPLE_FPS)
     plan, alive = [NEVER] * len(scene.eliminable_blocks), np.ones(scene.n_objects, bool)
     for click in actions if isinstance(actions, list) else [actions]:
         if not isinstance(click, list) or len(click) != 3 or not all(map(_is_number, click)):
@@ -130,13 +129,13 @@ def write_player_lines(path: str | os.PathLike[str], plays: Iterable[Play]) -> N
         ValueError: a play has another rate or no result, or its scene is no game; one line.
         OSError: the file cannot be written.
     """
-    clock = official_clock(FPS).tolist()
+    clock = official_clock(PEOPLE_FPS).tolist()
     counts: dict[tuple[str, str], int] = {}
     lines = []
     for number, play in enumerate(plays):
         scene, result = play.scene, play.result
-        if play.fps != FPS or result is None:
-            raise ValueError(f"plays[{number}]: expected a play at {FPS} steps a second with its result")
+        if play.fps != PEOPLE_FPS or result is None:
+            raise ValueError(f"plays[{number}]: expected a play at {PEOPLE_FPS} steps a second with its result")
         if not is_game(scene):
             raise ValueError(f"plays[{number}]: expected a game of the package, got the scene {show(scene.name)}")
         executed = [(step, block) for step, block in zip(play.plan, scene.eliminable_blocks, strict=True) if step >= 0]

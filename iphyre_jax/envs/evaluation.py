@@ -22,8 +22,8 @@ from iphyre_jax.envs.spaces import Discrete
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.rules import episode_reward
-from iphyre_jax.scenes import GAMES, SPLITS, Limits, SceneLike, load_scenes
-from iphyre_jax.scenes.library import ALL_GAMES, check_names_differ, looks_like_path
+from iphyre_jax.scenes import SPLITS, Limits, SceneLike, load_scenes
+from iphyre_jax.scenes.library import ALL_GAMES, GAME_LISTS, check_names_differ, looks_like_path
 
 _MOST_EPISODES = 1_000_000  # of each game
 
@@ -202,10 +202,8 @@ def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.A
 def _games(split: object) -> object:
     """Return the games of a split's name, or the given scenes."""
     if isinstance(split, str):
-        if split == "all":
-            return GAMES
-        if split in SPLITS:
-            return SPLITS[split]
+        if split in GAME_LISTS:
+            return GAME_LISTS[split]
         if split not in ALL_GAMES and not looks_like_path(split):
             raise ValueError(f"split: expected all, {', '.join(SPLITS)}, a game, a file or scenes, got {show(split)}")
     if not isinstance(split, str | PathLike | Sequence):

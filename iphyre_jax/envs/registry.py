@@ -18,7 +18,8 @@ from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.shared_topologies import shared_topologies
 from iphyre_jax.rules import SCREEN
-from iphyre_jax.scenes import GAMES, SPLITS, Limits, Scene, SceneLike, load_scenes
+from iphyre_jax.scenes import SPLITS, Limits, Scene, SceneLike, load_scenes
+from iphyre_jax.scenes.library import GAME_LISTS
 
 VERSION: Final = "v1"  # of the physics and of the strategies' rules
 
@@ -29,7 +30,7 @@ _REGISTERED: dict[str, tuple[SceneLike, ...]] = {}
 
 def _known() -> dict[str, tuple[SceneLike, ...]]:
     """Return the sets of games by name: all forty, the splits, and every single game."""
-    sets: dict[str, tuple[SceneLike, ...]] = {"all": GAMES, **SPLITS}
+    sets: dict[str, tuple[SceneLike, ...]] = dict(GAME_LISTS)
     sets.update({game: (game,) for games in SPLITS.values() for game in games})
     return {f"{name}-{VERSION}": games for name, games in sets.items()} | _REGISTERED
 

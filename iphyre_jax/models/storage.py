@@ -29,6 +29,7 @@ from iphyre_jax.train.storage.weights import restored, verify_sum
 
 VERSION: Final = 1
 CONFIG, STATE, METRICS, EVALUATION = "config.json", "state.npz", "metrics.csv", "evaluation.json"
+MAX_BYTES: Final = 2**30  # of an .npz file
 BEST: Final = "best"  # folder of the best seed of a row, as it ships, in its run folder
 
 Params = Any  # a network's tree of arrays
@@ -182,14 +183,12 @@ class WeightFiles(Generic[S]):
         kind: class of the settings.
         what: word for a model, in errors.
         dtype: in which parameters are kept.
-        max_bytes: of NAME.npz.
     """
 
     schema: str
     kind: type[S]
     what: str
     dtype: npt.DTypeLike
-    max_bytes: int
 
     def names(self, folder: Path) -> tuple[str, ...]:
         """The names of the trained models in a folder; one without its description was not saved to the end."""
@@ -229,7 +228,7 @@ class WeightFiles(Generic[S]):
         arrays = folder / f"{name}.npz"
         verify_sum(arrays, content.get("sha256"))
         like = jax.eval_shape(lambda: start(config))
-        params = restored(read_npz(arrays, self.max_bytes), like, arrays)
+        params = restored(read_npz(arrays, MAX_BYTES), like, arrays)
         return TrainedModel(name, config, params, content.get("origin", {}))
 
     def config(self, folder: Path, name: str) -> S:
@@ -250,14 +249,14 @@ class WeightFiles(Generic[S]):
         return settings_of(self.kind, content.get("settings"), str(described)), content
 
 
-def read_state(folder: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]] | None:
+def read_state(folder: Path) -> dict[str, npt.NDArray[Any]] | None:
     """The arrays of state.npz; None if there is none.
 
     Raises:
         ValueError: one line; the file is damaged.
     """
     file = folder / STATE
-    return read_npz(file, max_bytes) if file.is_file() else None
+    return read_npz(file, MAX_BYTES) if file.is_file() else None
 
 
 def check_losses(folder: Path, losses: npt.ArrayLike, done: str) -> None:

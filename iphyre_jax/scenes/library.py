@@ -40,8 +40,14 @@ def _read_splits() -> Mapping[str, tuple[str, ...]]:
 SPLITS: Final = _read_splits()
 """Names of the games by split, in the order of the paper. The forty games do not include unseen_basic."""
 
-GAMES: Final = tuple(game for split, games in SPLITS.items() if split != "unseen_basic" for game in games)
+PAPER_SPLITS: Final = tuple(split for split in SPLITS if split != "unseen_basic")
+"""The splits of the paper's tables, which have its forty games."""
+
+GAMES: Final = tuple(game for split in PAPER_SPLITS for game in SPLITS[split])
 """Names of the forty games, split by split."""
+
+GAME_LISTS: Final = MappingProxyType({**SPLITS, "all": GAMES})
+"""Names of games by what users call them: a split, or all forty."""
 
 SceneLike = str | os.PathLike[str] | Scene
 """The name of a game, the path of a scene file, or a scene."""

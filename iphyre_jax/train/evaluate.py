@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from iphyre_jax.checks import show
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scene, load_scenes, scene_to_dict
-from iphyre_jax.scenes.library import SPLIT_OF, check_names_differ, is_game, load_own_scenes
+from iphyre_jax.scenes.library import PAPER_SPLITS, SPLIT_OF, check_names_differ, is_game, load_own_scenes
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State, not_finite, preferring_where
 from iphyre_jax.train.algos.registry import algorithm
@@ -28,7 +28,6 @@ VERSION = 3
 READABLE = (2, 3)  # version 2 has older names of settings, and the same games
 MEANS = ("reward", "success", "eliminations", "seconds")
 OWN, OTHER = "own", "other"  # splits of scenes that are no games of the package: those trained on, and others
-_FORTY: Final = tuple(split for split in SPLITS if split != "unseen_basic")
 SEED_STREAM = 1  # folded into the run's seed; training derives its keys from the same one, for draws of other shapes
 
 
@@ -83,13 +82,13 @@ class Evaluation:
 
     def mean(self, kind: str, split: str = "all") -> Score:
         """Mean over the games of a split, or over the paper's forty for "all"; kind is "greedy" or "sampled"."""
-        splits = _FORTY if split == "all" else (split,)
+        splits = PAPER_SPLITS if split == "all" else (split,)
         chosen = [game for game in self.games if game.split in splits]
         return _mean_score([getattr(game, kind) for game in chosen])
 
     def to_json(self) -> dict[str, Any]:
         """Games, split means and faults as JSON values."""
-        whole = sum(game.split in _FORTY for game in self.games) == len(GAMES)
+        whole = sum(game.split in PAPER_SPLITS for game in self.games) == len(GAMES)
         splits = [*self.splits, *(["all"] if whole else [])]
         return {
             "schema": SCHEMA,

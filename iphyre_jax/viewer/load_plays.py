@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from iphyre_jax.checks import one_line, show
 from iphyre_jax.files import MAX_JSON_BYTES, parse_json, read_json_object
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import SCENE_SCHEMA, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES
 from iphyre_jax.scenes.limits import MAX_NAME
@@ -17,7 +18,6 @@ from iphyre_jax.viewer.plays import SCHEMA, VERSION, Play, iter_plays, play_from
 
 BEST: Final = "best"
 ORACLE: Final = ("analyses", "oracle-60fps.json")  # data of the package
-FPS: Final = 60  # of those plans
 POLICIES: Final = ("train", "weights")  # likewise
 SOURCES: Final = "a file of plays (JSON lines), a run folder, a policy of the package that plans in advance, or best"
 
@@ -77,9 +77,9 @@ def best_plays() -> Mapping[str, Play]:
 
 def _best_play(row: Mapping[str, Any]) -> Play:
     """Return the play of a row that `analyses.oracle` wrote."""
-    steps = round(row["seconds"] * FPS)
+    steps = round(row["seconds"] * PEOPLE_FPS)
     result = {"solved": row["solved"], "steps": steps, "eliminations": len(row["order"]), "reward": row["reward"]}
-    return Play("best plan known", load_scene(row["game"]), tuple(row["plan"]), FPS, "float64", 1, result)
+    return Play("best plan known", load_scene(row["game"]), tuple(row["plan"]), PEOPLE_FPS, "float64", 1, result)
 
 
 def _plays_of_run(path: Path) -> list[Play]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
+from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
 from iphyre_jax.provenance import CORE, processor, source_commit, versions
 from parity.divergences import DivergedPlan
@@ -50,7 +51,7 @@ def run_info(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What a reader needs to repeat the run: versions, machine, commit and arguments."""
     return {
         "versions": {**versions(CORE), "pymunk": reference.VERSION},
-        "machine": {"system": platform.platform(), "processor": processor(), "cores": os.cpu_count()},
+        "machine": {"system": platform.platform(), "processor": processor(), "cores": usable_cores()},
         "xla flags": os.environ.get("XLA_FLAGS", "none"),
         "commit": source_commit() or "unknown",
         "arguments": dict(arguments),

@@ -68,9 +68,9 @@ def test_errors_outside_the_picture_or_after_the_end_do_not_count() -> None:
     theirs = np.array([[[100.0, 100.0, 0.0]], [[100.0, 621.0, 0.0]], [[701.0, 100.0, 0.0]], [[100.0, 100.0, 0.0]]])
     ours = theirs + np.array([3.0, 4.0, 0.0])
     moving = np.array([True])
-    np.testing.assert_allclose(play_errors(theirs, ours, moving, 3)[0], [5.0, np.nan, np.nan, 5.0])
+    np.testing.assert_allclose(play_errors(theirs, ours, moving, 3), [5.0, np.nan, np.nan, 5.0])
     ours[0] = theirs[0]
-    np.testing.assert_allclose(play_errors(theirs, ours, moving, 2)[0], [0.0, np.nan, np.nan])
+    np.testing.assert_allclose(play_errors(theirs, ours, moving, 2), [0.0, np.nan, np.nan])
 
 
 def test_the_borders_of_play_belong_to_it() -> None:

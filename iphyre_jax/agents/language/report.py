@@ -20,13 +20,13 @@ from iphyre_jax.agents.language.settings import RunSettings
 from iphyre_jax.analyses import oracle
 from iphyre_jax.analyses.failures import SOURCES, failure_source
 from iphyre_jax.analyses.figures import COLUMNS
-from iphyre_jax.analyses.people import FPS as PEOPLE_FPS
 from iphyre_jax.analyses.people import scores as scores_of_people
 from iphyre_jax.attempts.agents import do_nothing, draw_randomly
 from iphyre_jax.attempts.protocol import Agent, attempts
 from iphyre_jax.intervals import mean_interval
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import provenance
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 RANDOM_RUNS: Final = 5

@@ -22,7 +22,7 @@ from iphyre_jax.analyses.shipped import shipped_model
 from iphyre_jax.attempts.agents import random_plans, unrepeated
 from iphyre_jax.attempts.planner import displaced, imagined_rewards
 from iphyre_jax.kept_rows import Row, kept_row
-from iphyre_jax.rules import DECISIONS_PER_SECOND, TIME_LIMIT
+from iphyre_jax.rules import DECISIONS_PER_SECOND, PEOPLE_FPS, TIME_LIMIT
 from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.train.observations import start_observations
 from iphyre_jax.train.storage.pretrained import load_pretrained
@@ -30,7 +30,6 @@ from iphyre_jax.train.storage.pretrained import load_pretrained
 Proposals = Literal["random", "policy"]
 Floats = npt.NDArray[np.float64]
 
-WORLD_FPS: Final = 60  # as people play
 RESETS: Final = 1
 PLANS: Final = 300  # of a draw
 COPIES: Final = 10  # displaced scenes; chosen on generated scenes, see docs/decisions/training.md
@@ -59,7 +58,7 @@ class Imagination:
     """
 
     sigma: float
-    fps: int = WORLD_FPS
+    fps: int = PEOPLE_FPS
     proposals: Proposals = "random"
     draws: int = 5
 
@@ -120,7 +119,7 @@ def _imagine(game: str, how: Imagination) -> Row:
 
 def _play(game: str, proposals: Proposals, draws: int) -> Row:
     scene = load_scene(game)
-    real = partial(imagined_rewards, [scene], fps=WORLD_FPS, resets=RESETS, dtype=WORLD_DTYPE)
+    real = partial(imagined_rewards, [scene], fps=PEOPLE_FPS, resets=RESETS, dtype=WORLD_DTYPE)
     plans = [proposed(game, draw, proposals) for draw in range(draws)]
     return {
         "reward": [np.round(real(times)[0], 3).tolist() for times in plans],
@@ -142,7 +141,7 @@ def imagined(folder: Path, game: str, how: Imagination) -> Floats:
 
 def real(folder: Path, game: str, proposals: Proposals, draws: int) -> RealRewards:
     """Return how proposed plans really end; as `imagined`."""
-    settings = {"plans": PLANS, "draws": draws, "fps": WORLD_FPS, "resets": RESETS, "dtype": WORLD_DTYPE}
+    settings = {"plans": PLANS, "draws": draws, "fps": PEOPLE_FPS, "resets": RESETS, "dtype": WORLD_DTYPE}
     settings["repeated plans"] = "marked"  # rows of before have other settings
     settings |= _model_of(proposals)
     row = kept_row(folder / f"played-{proposals}", game, settings, partial(_play, game, proposals, draws))

@@ -14,9 +14,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.analyses.figures import TESTED, spearman
+from iphyre_jax.analyses.figures import spearman
 from iphyre_jax.intervals import LEVEL, Estimate
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import PAPER_SPLITS
 
 HALVES: Final = 200  # random halves of the games, five of each split
 _SEED: Final = 0
@@ -105,7 +106,7 @@ def _column(values: Mapping[str, float]) -> Floats:
 def _half(rng: np.random.Generator) -> npt.NDArray[np.bool_]:
     """Half of the games of each split, as a mask over GAMES."""
     picked: set[str] = set()
-    for split in TESTED:
+    for split in PAPER_SPLITS:
         games: Sequence[str] = SPLITS[split]
         picked |= {games[index] for index in rng.permutation(len(games))[: len(games) // 2]}
     return np.array([game in picked for game in GAMES])

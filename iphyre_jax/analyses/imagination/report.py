@@ -16,7 +16,6 @@ from iphyre_jax.analyses.imagination.imagined import (
     COPIES,
     FROM_POLICY,
     POLICY,
-    WORLD_FPS,
     Imagination,
     RealRewards,
     imagined,
@@ -26,6 +25,7 @@ from iphyre_jax.analyses.imagination.people_model import HALVES, Fit, Test, fit
 from iphyre_jax.analyses.shipped import policies
 from iphyre_jax.intervals import mean_interval
 from iphyre_jax.paper import paper_numbers
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import GAMES
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 
@@ -88,7 +88,7 @@ def document(folder: Path) -> str:
             "# Imagination",
             "Written by `iphyre-jax analyse imagination`. The planner imagines plans in simulators whose objects are "
             f"displaced by N(0, sigma) px, {COPIES} of them, and tries the plan with the best mean reward, then the "
-            f"next, up to {TRIES} times, none twice. The world has {WORLD_FPS} steps a second, in a fresh space, as "
+            f"next, up to {TRIES} times, none twice. The world has {PEOPLE_FPS} steps a second, in a fresh space, as "
             "people play. This is not zero shot: the planner has the equations of motion. In brackets: 95 % bootstrap "
             "interval over games. *Learning*: a simulator that foretold another outcome of an attempt keeps "
             f"{TRUST:g} of its weight. Proposals are official random plans; *policy*: {100 * FROM_POLICY:.0f} % of "

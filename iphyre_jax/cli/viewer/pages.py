@@ -20,13 +20,14 @@ from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.paper import paper_rewards
+from iphyre_jax.rules import PEOPLE_FPS
 from iphyre_jax.scenes import Scene, read_scene
 from iphyre_jax.scenes.library import is_game
 from iphyre_jax.scenes.limits import MAX_NAME
 from iphyre_jax.train.reports.printing import print_table, say
 from iphyre_jax.viewer.load_plays import BEST, SOURCES, each_play, load_plays
 from iphyre_jax.viewer.page import write_replay
-from iphyre_jax.viewer.play.api import FPS, Api
+from iphyre_jax.viewer.play.api import Api
 from iphyre_jax.viewer.play.server import PlayServer
 from iphyre_jax.viewer.play.session import ATTEMPTS, Session
 from iphyre_jax.viewer.plays import is_name
@@ -146,7 +147,7 @@ def _score_table(games: dict[Scene, list[float]], fps: int) -> Table:
     best = []
     for scene, rewards in games.items():
         best.append(max(rewards[:ATTEMPTS]))
-        human = paper_rewards(scene.name).get("human") if is_game(scene) and fps == FPS else None
+        human = paper_rewards(scene.name).get("human") if is_game(scene) and fps == PEOPLE_FPS else None
         solved = sum(reward > 0 for reward in rewards)
         cells = (str(len(rewards)), str(solved), f"{best[-1]:.2f}", "" if human is None else f"{human:.2f}")
         table.add_row(Text(scene.name), *cells)

@@ -15,8 +15,8 @@ from iphyre_jax.checks import check_least, check_option
 from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
-from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES, SPLIT_OF, is_game
+from iphyre_jax.scenes import SPLITS, Scene, load_scene
+from iphyre_jax.scenes.library import ALL_GAMES, GAME_LISTS, SPLIT_OF, is_game
 from iphyre_jax.train.reports.printing import say
 from iphyre_jax.viewer.load_plays import BEST, each_play, is_policy
 from iphyre_jax.viewer.plays import holds_plays
@@ -101,7 +101,7 @@ def render(command: Render, console: Console) -> None:
     if command.split is not None:
         check_option("split", command.split, tuple(SPLITS))
     what, frame = command.what, -1 if command.frame is None else command.frame
-    starts = GAMES if what == "all" else SPLITS.get(what)
+    starts = GAME_LISTS.get(what)
     of_plays = what == BEST or what.endswith((".jsonl", ".npz")) or _has_plays(what)
     shown = "sheet" if starts is not None else "scene" if not of_plays else "plays" if command.game is None else "game"
     is_sheet = shown in ("sheet", "plays")

@@ -29,7 +29,6 @@ from iphyre_jax.data.named.pairs import edge_pairs
 from iphyre_jax.data.named.varied import varied_plays
 from iphyre_jax.data.recipe import Recipe, check_recipe
 from iphyre_jax.execution.compilation.cache_folder import default_folder
-from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, load_scene
 from iphyre_jax.scenes.library import ALL_GAMES, check_games
 
@@ -87,7 +86,7 @@ class _Sets:
 
     @cached_property
     def _recipe(self) -> Recipe:
-        return Recipe(protocol=_protocol(self.fps), sequences=self.sequences)
+        return Recipe(protocol=PlayProtocol.at(self.fps), sequences=self.sequences)
 
     def _official(self, journal: Journal) -> Dataset:
         scenes, count = self._scenes(GAMES), self._count(50)
@@ -183,13 +182,8 @@ def named_set(
     check_flag("sequences", sequences)
     scale = check_whole("scale", scale, 1, MOST_SCALE)
     only = None if games is None else check_games(games)
-    recipe = check_recipe(Recipe(protocol=_protocol(fps), sequences=sequences), [load_scene(GAMES[0])], 1, 1)
+    recipe = check_recipe(Recipe(protocol=PlayProtocol.at(fps), sequences=sequences), [load_scene(GAMES[0])], 1, 1)
     return _Sets(_folder(folder), recipe.protocol.fps, sequences, scale, only, report).load(name)
-
-
-def _protocol(fps: int) -> PlayProtocol:
-    """Return how plans are played at a rate: at that of the official environments as in them."""
-    return PlayProtocol(fps, "in_advance", OFFICIAL_RESETS) if fps == OFFICIAL_FPS else PlayProtocol(fps)
 
 
 def _folder(folder: str | os.PathLike[str] | None) -> Path:

@@ -16,7 +16,6 @@ from iphyre_jax.rollouts import EpisodeState, episode_step, removal_steps
 class PlayRequest:
     """What one world plays next."""
 
-    game: jax.Array  # () int32, row of the parameters
     plan: jax.Array  # (slots,) int32, the 0-based step before which each block goes; it stays at -1 or a past step
     stop_step: jax.Array  # () int32, play until so many steps are made or the episode is done
 

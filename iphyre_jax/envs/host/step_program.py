@@ -132,9 +132,8 @@ class EnvStep:
         plan, stop_step, executed = requests[:blocks], requests[blocks], requests[blocks + 1 :] != 0
         episode = _reset_where(self.topology, world, stop_step == RESET, layout.unpack(episodes[first:]))
         stop_step = jnp.where(stop_step == RESET, episode.state.step, stop_step)
-        request = PlayRequest(episodes[0].astype(jnp.int32), plan, stop_step)
-        episode = run_requests(self.topology, timing, world, request, episode)
-        status = status_of(request.game, world, episode, executed)
+        episode = run_requests(self.topology, timing, world, PlayRequest(plan, stop_step), episode)
+        status = status_of(episodes[0].astype(jnp.int32), world, episode, executed)
 
         def tables() -> tuple[jax.Array, ...]:
             whole, numbers = layout.parts(episode)

@@ -193,7 +193,7 @@ class TracedStep:
         game = given.state.whole[GAME].astype(jnp.int32)
         before = Parts(given.state.whole[self.status_words :], given.state.numbers)
         episode = episode_layout(topology, self.dtype).join(before)
-        episode = run_requests(topology, timing, world, PlayRequest(game, plan, stop_step), episode)
+        episode = run_requests(topology, timing, world, PlayRequest(plan, stop_step), episode)
         status = status_of(game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
         state, inputs = self._packed(topology, status, episode), self._obs_inputs(features, status, episode)

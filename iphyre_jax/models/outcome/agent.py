@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.attempts.agents import unrepeated
+from iphyre_jax.attempts.metrics import solved_curve
 from iphyre_jax.attempts.planner import best_plans
+from iphyre_jax.attempts.protocol import Agent, Attempt
 from iphyre_jax.checks import check_plans, check_whole
-from iphyre_jax.models.outcome.plays.augmented import random_plans
+from iphyre_jax.models.outcome.plays.augmented import padded_random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
 from iphyre_jax.models.outcome.storage import OutcomeClassifier
 from iphyre_jax.models.outcome.training import predict_for
@@ -26,12 +28,11 @@ MOST: Final = 100_000
 FPS: Final = 60
 
 Floats = npt.NDArray[np.float64]
-Agent = Callable[..., Floats]
 
 
 def candidates(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     """Different random plans of the official distribution, at most `count`, (C, 6) s; NaN for a block that stays."""
-    drawn = random_plans(blocks, count, rng)
+    drawn = padded_random_plans(blocks, count, rng)
     return drawn[unrepeated(drawn)]
 
 
@@ -66,7 +67,7 @@ def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Age
     judge = judge_of(classifier)
     check_whole("count", count, 1, MOST)
 
-    def propose(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Any] = ()) -> Floats:
+    def propose(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Attempt] = ()) -> Floats:
         del past
         loaded = load_scene(scene)
         blocks = len(loaded.eliminable_blocks)
@@ -76,18 +77,11 @@ def ranking_agent(classifier: OutcomeClassifier, count: int = CANDIDATES) -> Age
     return propose
 
 
-def draw_randomly(scene: SceneLike, k: int, rng: np.random.Generator, past: Sequence[Any] = ()) -> Floats:
-    """The agent that judges nothing: random plans in the order drawn."""
-    del past
-    blocks = len(load_scene(scene).eliminable_blocks)
-    return random_plans(blocks, k, rng)[:, :blocks]
-
-
 def solved_within(agent: Agent, games: Sequence[str], k: int, repeats: int, seed: int = 0) -> Floats:
     """Let an agent try each game k times, at 60 steps a second, in float64 and a fresh space.
 
     Args:
-        agent: from scene, k and generator to plans.
+        agent: it is shown no earlier attempts.
         games: to play.
         k: attempts.
         repeats: of each game, with other random plans.
@@ -100,9 +94,9 @@ def solved_within(agent: Agent, games: Sequence[str], k: int, repeats: int, seed
     plans = np.full((len(games), repeats, k, 6), np.nan)
     for index, scene in enumerate(scenes):
         for repeat in range(repeats):
-            proposed = agent(scene, k, np.random.default_rng([seed, index, repeat]))
+            proposed = np.asarray(agent(scene, k, np.random.default_rng([seed, index, repeat]), ()))
             plans[index, repeat, :, : proposed.shape[1]] = proposed
     which = np.repeat(np.arange(len(games)), repeats * k)
     steps = plan_to_steps(plans.reshape(-1, 6), FPS, "simulate")
     success = simulate_many(scenes, which, steps, fps=FPS, dtype="float64").success.reshape(len(games), repeats, k)
-    return np.logical_or.accumulate(success, axis=2).mean(axis=1)
+    return solved_curve(success)

@@ -11,10 +11,12 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
+from iphyre_jax.attempts.agents import draw_randomly
+from iphyre_jax.attempts.protocol import Agent
 from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.models.outcome import baselines, report, runs, storage
-from iphyre_jax.models.outcome.agent import Agent, draw_randomly, ranking_agent, solved_within
+from iphyre_jax.models.outcome.agent import ranking_agent, solved_within
 from iphyre_jax.models.outcome.plays.audit import outcome_dependence
 from iphyre_jax.models.outcome.plays.sets import (
     PlaySets,
@@ -29,6 +31,7 @@ from iphyre_jax.models.settings import wanted_rows
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.provenance import provenance_facts
 from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.printing import say
 
 ROWS: Final = {
@@ -44,7 +47,6 @@ AGENTS: Final = ("paper-global", "paper-object", "clean-plan", "relations-basic"
 NETWORKS: Final = "networks"  # folder of the networks of all seeds, in a run folder
 ATTEMPTS: Final = 10
 REPEATS: Final = 10  # of each game, with other random plans
-SPLITS_PLAYED: Final = ("basic", "noisy", "compositional", "multi_ball")
 
 
 def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console) -> dict[str, Any]:
@@ -56,7 +58,7 @@ def make_row(root: Path, config: OutcomeConfig, sets: PlaySets, console: Console
     evaluation = runs.evaluate(folder, config, state, judged, natural_rates(sets.official))
     for seed in range(config.seeds):
         network = runs.trained(config, state, evaluation, seed)
-        storage.save_classifier(dataclasses.replace(network, name=str(seed)), folder / NETWORKS)
+        storage.FILES.save(folder / NETWORKS, dataclasses.replace(network, name=str(seed)))
     return evaluation
 
 
@@ -100,7 +102,7 @@ def play_agent(where: Comparison, name: str, of: Mapping[str, Any], agent: Calla
     def play() -> Row:
         shares = solved_within(agent(), GAMES, ATTEMPTS, REPEATS)
         by_game = dict(zip(GAMES, shares, strict=True))
-        by_split = {split: np.mean([by_game[game] for game in SPLITS[split]], axis=0) for split in SPLITS_PLAYED}
+        by_split = {split: np.mean([by_game[game] for game in SPLITS[split]], axis=0) for split in PAPER_SPLITS}
         found = {split: share.tolist() for split, share in by_split.items()}
         return {**found, "games": {game: share.tolist() for game, share in by_game.items()}}
 
@@ -131,7 +133,7 @@ def compare(where: Comparison, console: Console, only: Sequence[str] = ()) -> No
         folder = where.root / name / NETWORKS
         if name in found and name in AGENTS and where.weights is not None and folder.is_dir():
             best = storage.load_classifier(str(runs.best_seed(found[name])), folder)
-            storage.save_classifier(runs.shipped(best), where.weights)
+            storage.FILES.save(where.weights, runs.shipped(best))
         if name in found and name in AGENTS:
             with console.status(f"{name} plays {len(GAMES)} games"):
                 agents[name] = [

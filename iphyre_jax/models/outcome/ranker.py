@@ -78,7 +78,7 @@ class _Stages:
     def ranker(self, number: int) -> storage.OutcomeClassifier:
         """The ranker after a stage."""
         folder, config = stage_folder(self.folder, number), self._config(number)
-        if config.name not in storage.names(folder):
+        if config.name not in storage.FILES.names(folder):
             params = self.ranker(number - 1).params if number else None
             self._train(folder, config, [self._plays(stage) for stage in self._learned(number)], params)
         return _loaded(folder, config)
@@ -110,7 +110,7 @@ class _Stages:
         state = runs.train(folder / "run", config, learned, watched, self.console, params)
         kept = storage.shipped_params(chosen(config, state), 0)
         origin = {"seed": 0, "plays": len(learned), "scenes": len(learned.scenes), "trained": provenance()}
-        storage.save_classifier(storage.OutcomeClassifier(config.name, config, kept, origin), folder)
+        storage.FILES.save(folder, storage.OutcomeClassifier(config.name, config, kept, origin))
 
 
 def refined(config: OutcomeConfig, *, by_policies: bool = False) -> OutcomeConfig:

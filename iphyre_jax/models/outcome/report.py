@@ -11,6 +11,7 @@ import numpy as np
 from iphyre_jax.files import replace_text
 from iphyre_jax.models.outcome.plays.sets import COLUMNS, GENERATED, HELD, TESTED, TRAINED, VARIED
 from iphyre_jax.provenance import made_by
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
 TITLES: Final = {
@@ -116,12 +117,11 @@ def games_table(evaluations: Mapping[str, Mapping[str, Any]], columns: Sequence[
 
 def agents_table(agents: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Shares of games solved at the first attempt and within five, by split; mean and spread over seeds."""
-    splits = ("basic", "noisy", "compositional", "multi_ball")
     rows = []
     for name, found in agents.items():
-        shares = [[[seed[split][k] for seed in found] for k in (0, 4)] for split in splits]
+        shares = [[[seed[split][k] for seed in found] for k in (0, 4)] for split in PAPER_SPLITS]
         rows.append([name, *(" / ".join(cell(values, digits=0) for values in pair) for pair in shares)])
-    return markdown_table(["agent", *(TITLES.get(split, split) for split in splits)], rows)
+    return markdown_table(["agent", *(TITLES.get(split, split) for split in PAPER_SPLITS)], rows)
 
 
 def draw_reliability(path: Path, evaluations: Mapping[str, Mapping[str, Any]], columns: Sequence[str]) -> None:

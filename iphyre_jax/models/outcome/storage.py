@@ -31,9 +31,8 @@ from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
 
-MAX_STATE: Final = 2**30  # bytes
 RUNS: Final = RunFolders("iphyre_jax/outcome-run", OutcomeConfig)
-FILES: Final = WeightFiles("iphyre_jax/outcome-classifier", OutcomeConfig, "classifier", np.float16, MAX_STATE)
+FILES: Final = WeightFiles("iphyre_jax/outcome-classifier", OutcomeConfig, "classifier", np.float16)
 HISTORY: Final = "history."
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.outcome").joinpath("weights")))
 
@@ -68,16 +67,16 @@ def load(folder: Path, like: OutcomeState) -> tuple[OutcomeState, History] | Non
     Raises:
         ValueError: one line; the file is damaged or belongs to other settings.
     """
-    arrays = read_state(folder, MAX_STATE)
+    arrays = read_state(folder)
     if arrays is None:
         return None
     history = [arrays.pop(HISTORY + name, np.zeros(0)) for name in History._fields]
     return restored(arrays, like, folder / STATE), History(*(jnp.asarray(each) for each in history))
 
 
-def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """The names of the trained classifiers."""
-    return FILES.names(folder)
+    return FILES.names(WEIGHTS)
 
 
 def rankers() -> tuple[str, ...]:
@@ -88,11 +87,6 @@ def rankers() -> tuple[str, ...]:
 def shipped_params(params: Params, seed: int) -> Params:
     """One network of several, as it ships: with an axis of one seed in front."""
     return FILES.rounded(jax.tree.map(lambda leaf: leaf[seed : seed + 1], params))
-
-
-def save_classifier(classifier: OutcomeClassifier, folder: Path = WEIGHTS) -> None:
-    """Write the two files of a classifier; its parameters are `shipped_params`."""
-    FILES.save(folder, classifier)
 
 
 def load_classifier(name: str, folder: Path = WEIGHTS) -> OutcomeClassifier:

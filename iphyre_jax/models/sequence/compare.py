@@ -42,7 +42,7 @@ def make_row(root: Path, config: SequenceConfig, console: Console) -> dict[str, 
     state = runs.train(folder, config, data, plays, console)
     with console.status(f"{config.name} plays"):
         found = runs.evaluate(folder, config, state)
-    storage.save_model(runs.shipped(config, state, found), folder / BEST)
+    storage.FILES.save(folder / BEST, runs.shipped(config, state, found))
     return found
 
 
@@ -99,6 +99,6 @@ def compare(
         if config.fps not in below:
             below[config.fps] = bounds(where, config, console)
         if name in SHIPPED and where.weights is not None and (where.root / name / BEST).is_dir():
-            storage.save_model(storage.load_model(name, where.root / name / BEST), where.weights)
+            storage.FILES.save(where.weights, storage.load_model(name, where.root / name / BEST))
         report.write(where.out, found, below, best, [row for row in ROWS if row not in found], facts)
     say(console, f"Written: {where.out}")

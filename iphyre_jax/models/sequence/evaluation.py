@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import islice
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
 from iphyre_jax.models.sequence.training import Params, of_seed
 from iphyre_jax.models.sequence.worlds import play
 from iphyre_jax.scenes import GAMES, MAX_ELIMINABLE, SPLITS, load_scene
-from iphyre_jax.scenes.library import ALL_GAMES
+from iphyre_jax.scenes.library import ALL_GAMES, GAME_LISTS
 
 SAMPLED: Final[Mapping[str, int]] = {"in-advance": 10, "combined": 5, "on-the-fly": 5}  # sampled episodes of a game
 SWEEP: Final = (0.0, 0.25, 0.5, 0.75, ASKED, 1.0)  # returns asked for
@@ -150,7 +150,6 @@ def _of_plans(plans: Mapping[str, Floats], protocol: PlayProtocol) -> Result:
 
 def split_means(found: Mapping[str, Any], split: str) -> tuple[Floats, Floats]:
     """Mean reward and share solved of each seed, (K,), on a split or on "all" forty games."""
-    names: Sequence[str] = GAMES if split == "all" else SPLITS[split]
-    rows = [found["games"].index(name) for name in names if name in found["games"]]
+    rows = [found["games"].index(name) for name in GAME_LISTS[split] if name in found["games"]]
     reward, success = (np.asarray(found[key], np.float64) for key in ("reward", "success"))
     return reward[:, rows].mean(axis=1), success[:, rows].mean(axis=1)

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, get_args
 from iphyre_jax.checks import check_flag, check_least, check_option, check_positive, check_whole, show
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.envs.strategies import StrategyName
-from iphyre_jax.rules import OFFICIAL_FPS, OFFICIAL_RESETS
+from iphyre_jax.rules import OFFICIAL_FPS
 from iphyre_jax.scenes import MAX_ELIMINABLE
 
 PresetName = Literal["paper-as-coded", "paper", "clone-solved", "clone-all", "ours"]
@@ -120,7 +120,7 @@ class SequenceConfig:
     @property
     def protocol(self) -> PlayProtocol:
         """How plays are made and models evaluated: data and evaluation share rate, rule and reset."""
-        return PlayProtocol(OFFICIAL_FPS, "in_advance", OFFICIAL_RESETS) if self.fps == OFFICIAL_FPS else PlayProtocol()
+        return PlayProtocol.at(self.fps)
 
     def to_json(self) -> dict[str, Any]:
         """The settings as a JSON object."""

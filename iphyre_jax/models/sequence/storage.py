@@ -29,9 +29,8 @@ from iphyre_jax.scenes import load_scene
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
 
-MAX_STATE: Final = 2**30  # bytes
 RUNS: Final = RunFolders("iphyre_jax/sequence-run", SequenceConfig)
-FILES: Final = WeightFiles("iphyre_jax/sequence-model", SequenceConfig, "model", np.float16, MAX_STATE)
+FILES: Final = WeightFiles("iphyre_jax/sequence-model", SequenceConfig, "model", np.float16)
 LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.sequence").joinpath("weights")))
 
@@ -57,21 +56,16 @@ def load(folder: Path, like: SequenceState) -> tuple[SequenceState, Floats] | No
     Raises:
         ValueError: one line; the file is damaged or belongs to other settings.
     """
-    arrays = read_state(folder, MAX_STATE)
+    arrays = read_state(folder)
     if arrays is None:
         return None
     losses = arrays.pop(LOSSES, np.zeros((0, 1), np.float32))
     return restored(arrays, like, folder / STATE), losses
 
 
-def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """The names of the trained models."""
-    return FILES.names(folder)
-
-
-def save_model(model: TrainedSequenceModel, folder: Path = WEIGHTS) -> None:
-    """Write the two files of a model; its parameters are `FILES.rounded`."""
-    FILES.save(folder, model)
+    return FILES.names(WEIGHTS)
 
 
 def load_model(name: str, folder: Path = WEIGHTS) -> TrainedSequenceModel:

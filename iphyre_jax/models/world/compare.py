@@ -14,7 +14,7 @@ from iphyre_jax.files import replace_json
 from iphyre_jax.models.settings import row_of, wanted_rows
 from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
 from iphyre_jax.models.world import storage
-from iphyre_jax.models.world.planning import PLANNED, PLANS, model_planner, planned, planning_bounds
+from iphyre_jax.models.world.planning import PLANS, model_planner, planned, planning_bounds
 from iphyre_jax.models.world.reports import report
 from iphyre_jax.models.world.reports.metrics import COLUMNS, error_bounds, frequent_outcomes, measured
 from iphyre_jax.models.world.runs import train
@@ -22,6 +22,7 @@ from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.provenance import provenance, provenance_facts
 from iphyre_jax.scenes import SPLITS
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.printing import say
 
 SEEDS: Final = (0, 1, 2)
@@ -70,7 +71,7 @@ def evaluate(folder: Path, plans: int, console: Console) -> dict[str, Any]:
             with console.status(f"{folder.name}: {column}"):
                 content["columns"][column] = measured(model, column)
             replace_json(folder / EVALUATION, content)
-    for split in PLANNED if plans else ():
+    for split in PAPER_SPLITS if plans else ():
         if content["planning"].get(split, {}).get("plans") != plans:
             with console.status(f"{folder.name}: plans in {split}"):
                 content["planning"][split] = planned(model_planner(model, plans), SPLITS[split], plans)
@@ -99,7 +100,7 @@ def ship(folders: Sequence[Path], weights: Path) -> list[str]:
     for name, (right, folder) in best.items():
         model = storage.trained_model(folder)
         chosen = {"seeds": len(folders), "chosen by": f"share of right outcomes in {CHOSEN_ON}", "share": right}
-        storage.save_model(dataclasses.replace(model, name=name, origin={**model.origin, **chosen}), weights)
+        storage.FILES.save(weights, dataclasses.replace(model, name=name, origin={**model.origin, **chosen}))
     return list(best)
 
 

@@ -16,8 +16,8 @@ from iphyre_jax.models.world.interface import falls_until_contact
 from iphyre_jax.models.world.settings import WorldConfig
 from iphyre_jax.models.world.storage import WorldModel
 from iphyre_jax.scenes import SPLITS
+from iphyre_jax.scenes.library import PAPER_SPLITS
 
-PLANNED: Final = ("basic", "noisy", "compositional", "multi_ball")
 TRIES: Final = 5  # the first, and the best of so many
 SEED: Final = 0  # of the drawn plans, the same ones for each model and each planner
 PLANS: Final = 300  # that are drawn for each game; the different ones are imagined
@@ -71,7 +71,7 @@ def planning_bounds(folder: Path, plans: int) -> dict[str, Row]:
     settings = {"plans": plans, "attempts": TRIES, "seed": SEED, **REPEATED_PLANS}
 
     def row(agent: Agent) -> Row:
-        return {split: planned(agent, SPLITS[split], plans) for split in PLANNED}
+        return {split: planned(agent, SPLITS[split], plans) for split in PAPER_SPLITS}
 
     return {
         name: kept_row(folder, name.replace(",", "").replace(" ", "-"), settings, partial(row, agent))

@@ -25,9 +25,8 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.train.storage.checkpoint import named_arrays
 from iphyre_jax.train.storage.weights import restored
 
-MAX_STATE: Final = 2**28  # bytes
 RUNS: Final = RunFolders("iphyre_jax/world-run", WorldConfig, measures=2)
-FILES: Final = WeightFiles("iphyre_jax/world-model", WorldConfig, "model", np.float32, MAX_STATE)
+FILES: Final = WeightFiles("iphyre_jax/world-model", WorldConfig, "model", np.float32)
 LOSSES: Final = "losses"
 WEIGHTS: Final = Path(str(files("iphyre_jax.models.world").joinpath("weights")))
 
@@ -48,7 +47,7 @@ def load(folder: Path, like: TrainState) -> tuple[TrainState, list[float]] | Non
     Raises:
         ValueError: one line; the file is damaged or belongs to other settings.
     """
-    arrays = read_state(folder, MAX_STATE)
+    arrays = read_state(folder)
     if arrays is None:
         return None
     losses = arrays.pop(LOSSES, np.zeros(0))
@@ -92,14 +91,9 @@ def named_model(name: str) -> WorldModel:
     return load_model(name) if file.parent == WEIGHTS else trained_model(file.parent)
 
 
-def names(folder: Path = WEIGHTS) -> tuple[str, ...]:
+def names() -> tuple[str, ...]:
     """The names of the trained models."""
-    return FILES.names(folder)
-
-
-def save_model(model: WorldModel, folder: Path = WEIGHTS) -> None:
-    """Write the two files of a model."""
-    FILES.save(folder, model)
+    return FILES.names(WEIGHTS)
 
 
 def load_model(name: str, folder: Path = WEIGHTS) -> WorldModel:

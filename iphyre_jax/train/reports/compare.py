@@ -19,7 +19,7 @@ from iphyre_jax.files import read_versioned
 from iphyre_jax.paper import paper_numbers
 from iphyre_jax.provenance import flat, in_words
 from iphyre_jax.rules import OFFICIAL_FPS
-from iphyre_jax.scenes import GAMES, SPLITS
+from iphyre_jax.scenes.library import GAME_LISTS
 from iphyre_jax.train.evaluate import MEANS, READABLE, SCHEMA
 from iphyre_jax.train.reports.printing import print_table
 from iphyre_jax.train.reports.report import COLUMNS, TITLES, markdown_table, training_name
@@ -46,7 +46,7 @@ class Evaluated:
 
     def scores(self, kind: str, split: str, value: str = "reward") -> list[float]:
         """A value of each game of a split, or of the forty for "all"; nothing if one of them was not played."""
-        names = GAMES if split == "all" else SPLITS[split]
+        names = GAME_LISTS[split]
         if not set(names) <= set(self.games):
             return []
         return [float(self.games[name][kind][value]) for name in names]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from iphyre_jax.paper import paper_numbers
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.evaluate import OTHER, OWN, Evaluation
 from iphyre_jax.train.settings.run import TrainConfig
 
-COLUMNS = ("basic", "noisy", "compositional", "multi_ball", "all")
+COLUMNS: Final = (*PAPER_SPLITS, "all")
 TITLES = {
     "basic": "Basic",
     "noisy": "Noisy",
@@ -40,7 +41,7 @@ def training_name(config: TrainConfig) -> str:
 
 def split_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Two rows of this run, greedy and sampled, then the paper's humans, oracle and agents."""
-    whole = {"all"} if set(COLUMNS[:-1]) <= set(evaluation.splits) else set()
+    whole = {"all"} if set(PAPER_SPLITS) <= set(evaluation.splits) else set()
     for kind in ("greedy", "sampled"):
         cells = []
         for split in COLUMNS:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-LEVEL: Final = 0.95
+from iphyre_jax.intervals import LEVEL, Estimate
 
 
 class Summary(NamedTuple):
@@ -18,6 +18,11 @@ class Summary(NamedTuple):
     high: float
     iqm: float  # mean of the middle half of all scores, games and seeds together
     seeds: int
+
+    @property
+    def estimate(self) -> Estimate:
+        """The mean with its interval."""
+        return Estimate(self.mean, self.low, self.high)
 
 
 def summary(scores: Sequence[Sequence[float]]) -> Summary:

@@ -9,7 +9,7 @@ import iphyre_jax
 from iphyre_jax.checks import show
 from iphyre_jax.files import parse_json
 from iphyre_jax.paper import paper_numbers, paper_rewards
-from iphyre_jax.rules import NEVER, TIME_LIMIT
+from iphyre_jax.rules import NEVER, PEOPLE_FPS, TIME_LIMIT
 from iphyre_jax.scenes import SPLITS, Scene, scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.errors import raise_problems
 from iphyre_jax.scenes.geometry import scene_warnings
@@ -23,7 +23,6 @@ from iphyre_jax.viewer.play.simulator import Simulator, shared_simulator
 from iphyre_jax.viewer.plays import Play, plan_problems, read_scene_field
 from iphyre_jax.viewer.recording import Recording
 
-FPS: Final = 60  # the frame rate at which people play in the paper
 MOST_TIED: Final = 100  # moving objects x ties; 96 compiled in 26 s on a busy machine, 200 not in 90 s of a core
 MOST_MOVING: Final = 9  # moving objects; ten untied ones compiled in 82 s on a busy machine
 
@@ -90,7 +89,7 @@ class Api:
             "games": games + own,
             "attempts": ATTEMPTS,
             "seconds": TIME_LIMIT,
-            "fps": FPS,
+            "fps": PEOPLE_FPS,
             "source": {name: paper_numbers()[name] for name in ("source", "protocol")},
         }
 
@@ -172,7 +171,7 @@ def _listed(agents: Iterable[str], most: int = 5) -> str:
 
 
 def _own_play(scene: Scene, plan: Sequence[int]) -> Play:
-    return Play("you", scene, tuple(plan), FPS)
+    return Play("you", scene, tuple(plan), PEOPLE_FPS)
 
 
 def _read_scene(fields: Fields) -> Scene:
@@ -184,6 +183,8 @@ def _read_plan(fields: Fields, scene: Scene) -> list[int]:
     plan = fields["plan"]
     raise_problems("request", plan_problems(plan, scene))
     steps = [step for step in plan if step != NEVER]
-    if any(not 0 < step < TIME_LIMIT * FPS for step in steps) or len(set(steps)) != len(steps):
-        raise ValueError(f"request: plan: expected different steps from 1 to {int(TIME_LIMIT * FPS) - 1}, got {steps}")
+    if any(not 0 < step < TIME_LIMIT * PEOPLE_FPS for step in steps) or len(set(steps)) != len(steps):
+        raise ValueError(
+            f"request: plan: expected different steps from 1 to {int(TIME_LIMIT * PEOPLE_FPS) - 1}, got {steps}"
+        )
     return list(plan)

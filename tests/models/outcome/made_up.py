@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.models.outcome.plays.augmented import random_plans
+from iphyre_jax.models.outcome.plays.augmented import padded_random_plans
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import load_scene
 
@@ -17,7 +17,7 @@ def made_up(count: int, seed: int, *, shuffled: bool = False) -> Dataset:
     rng = np.random.default_rng(seed)
     scenes = tuple(load_scene(game) for game in GAMES)
     game = np.repeat(np.arange(len(GAMES), dtype=np.int32), count)
-    times = np.concatenate([random_plans(len(scene.eliminable_blocks), count, rng) for scene in scenes])
+    times = np.concatenate([padded_random_plans(len(scene.eliminable_blocks), count, rng) for scene in scenes])
     success = np.nan_to_num(times[:, 0], nan=9.0) < 3.5
     if shuffled:
         success = rng.permutation(success)

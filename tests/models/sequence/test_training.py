@@ -86,7 +86,7 @@ def test_what_is_not_a_number_stays_in_the_loss(trained: tuple[Path, training.Se
 
 def test_ships_what_it_was(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
     params = storage.FILES.rounded(training.of_seed(trained[1].params, 1))
-    storage.save_model(storage.TrainedSequenceModel(CONFIG.name, CONFIG, params, {"seed": 1}), tmp_path)
+    storage.FILES.save(tmp_path, storage.TrainedSequenceModel(CONFIG.name, CONFIG, params, {"seed": 1}))
     loaded = storage.load_model(CONFIG.name, tmp_path)
     assert loaded.config == dataclasses.replace(CONFIG, seeds=1)
     for one, other in zip(jax.tree.leaves(params), jax.tree.leaves(loaded.params), strict=True):

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from iphyre_jax.files import read_json_object, replace_json
-from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison
+from iphyre_jax.models.storage import EVALUATION, VERSION, Comparison, WeightFiles
 from iphyre_jax.models.world import compare, planning, storage
 from iphyre_jax.models.world.reports import metrics
 from iphyre_jax.models.world.reports.metrics import ERROR_BOUNDS, HORIZONS
 from iphyre_jax.scenes import SPLITS
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.report import seeds_cell
 
 
@@ -33,7 +34,7 @@ def _evaluation(seed: int, first: float) -> dict[str, Any]:
         "steps": config.steps,
         "measures": storage.RUNS.measures,
         "columns": {"basic": measures},
-        "planning": {split: _played(first) for split in planning.PLANNED},
+        "planning": {split: _played(first) for split in PAPER_SPLITS},
     }
 
 
@@ -94,7 +95,7 @@ def test_the_more_frequent_outcome_is_that_of_other_plays(monkeypatch: pytest.Mo
 
 def test_the_best_seed_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     saved: dict[str, storage.WorldModel] = {}
-    monkeypatch.setattr(storage, "save_model", lambda model, folder: saved.update({model.name: model}))
+    monkeypatch.setattr(WeightFiles, "save", lambda files, folder, model: saved.update({model.name: model}))
     monkeypatch.setattr(
         storage, "trained_model", lambda folder: storage.WorldModel("", storage.RUNS.read_config(folder), (), {})
     )

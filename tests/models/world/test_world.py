@@ -175,7 +175,7 @@ def test_objects_learns_and_ships(tmp_path: Path) -> None:
     model = storage.trained_model(tmp_path / "run")
     assert model.origin["steps"] == OBJECTS.steps
     assert model.origin["trained"]["machine"]
-    storage.save_model(dataclasses.replace(model, name="one"), tmp_path)
+    storage.FILES.save(tmp_path, dataclasses.replace(model, name="one"))
     loaded = storage.load_model("one", tmp_path)
     for one, other in zip(jax.tree.leaves(model.params), jax.tree.leaves(loaded.params), strict=True):
         np.testing.assert_array_equal(one, other)

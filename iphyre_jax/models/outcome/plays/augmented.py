@@ -41,7 +41,7 @@ OFFICIAL: Final = PlayProtocol()
 Floats = npt.NDArray[np.float64]  # float32 rounds some tenths up: at 60 fps those blocks went a step late
 
 
-def random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
+def padded_random_plans(blocks: int, count: int, rng: np.random.Generator) -> Floats:
     """Plans of the official distribution, (count, 6) s; NaN for a block that stays or is not there."""
     plans = np.full((count, MAX_ELIMINABLE), np.nan)
     plans[:, :blocks] = agents.random_plans(rng, blocks, count)
@@ -102,7 +102,7 @@ def collect_scenes(
     near: int = NEIGHBOURS,
     seed: int = 0,
     protocol: PlayProtocol = OFFICIAL,
-    draw: Callable[[int, int, np.random.Generator], Floats] = random_plans,
+    draw: Callable[[int, int, np.random.Generator], Floats] = padded_random_plans,
 ) -> Dataset:
     """Play scenes with random plans and with neighbours of the solutions found.
 

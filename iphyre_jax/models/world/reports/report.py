@@ -10,9 +10,10 @@ import numpy as np
 
 from iphyre_jax.files import replace_text
 from iphyre_jax.kept_rows import Row
-from iphyre_jax.models.world.planning import PLANNED, SEED, TRIES
+from iphyre_jax.models.world.planning import SEED, TRIES
 from iphyre_jax.models.world.reports.metrics import CERTAIN, COLUMNS, COUNTED, HORIZONS
 from iphyre_jax.provenance import made_by
+from iphyre_jax.scenes.library import PAPER_SPLITS
 from iphyre_jax.train.reports.report import markdown_table, seeds_cell
 
 TITLES: Final = {
@@ -104,12 +105,12 @@ def planning_table(evaluations: Evaluations, bounds: Mapping[str, Mapping[str, A
     rows = []
     for name, plans in {**played, **{name: [found] for name, found in bounds.items()}}.items():
         for attempt, title in enumerate(("first", f"best of {TRIES}")):
-            whole = [plan for plan in plans if all(split in plan for split in PLANNED)]
-            cells = [_played([[plan[split]] for plan in plans if split in plan], attempt) for split in PLANNED]
-            cells.append(_played([[plan[split] for split in PLANNED] for plan in whole], attempt))
+            whole = [plan for plan in plans if all(split in plan for split in PAPER_SPLITS)]
+            cells = [_played([[plan[split]] for plan in plans if split in plan], attempt) for split in PAPER_SPLITS]
+            cells.append(_played([[plan[split] for split in PAPER_SPLITS] for plan in whole], attempt))
             if plans:
                 rows.append([f"{name}, {title}", *cells])
-    return markdown_table(["row", *(TITLES[split].split(",")[0] for split in PLANNED), "all forty"], rows)
+    return markdown_table(["row", *(TITLES[split].split(",")[0] for split in PAPER_SPLITS), "all forty"], rows)
 
 
 def _played(seeds: Sequence[Sequence[Mapping[str, Any]]], attempt: int) -> str:

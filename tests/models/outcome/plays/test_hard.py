@@ -111,7 +111,7 @@ def test_refinements_by_policies_learn_from_their_own_plays(monkeypatch: pytest.
     monkeypatch.setattr(ranker, "pool_plays", lambda *_: pytest.fail("played random plans"))
     scenes = scene_inputs(SCENES, CONFIG)
     before = storage.OutcomeClassifier("ranker-10fps", ranker.refined(CONFIG), initial(scenes), {})
-    storage.save_classifier(before, ranker.stage_folder(tmp_path, 1))
+    storage.FILES.save(ranker.stage_folder(tmp_path, 1), before)
     asked: list[int] = []
 
     def propose(scenes: Any, count: int, rng: np.random.Generator) -> Any:

@@ -34,7 +34,7 @@ def test_repeated_plans_are_dropped() -> None:
 
 
 def test_random_plans_are_those_of_the_official_distribution() -> None:
-    plans = augmented.random_plans(3, 20_000, np.random.default_rng(0))
+    plans = augmented.padded_random_plans(3, 20_000, np.random.default_rng(0))
     assert np.isnan(plans[:, 3:]).all()
     there = ~np.isnan(plans[:, :3])
     assert abs(there.mean() - 0.8 * 69 / 70) < 0.005
@@ -47,7 +47,7 @@ def test_random_plans_are_those_of_the_official_distribution() -> None:
 
 def test_plans_and_neighbours_go_at_exact_tenths_of_a_second() -> None:
     rng = np.random.default_rng(0)
-    plans = augmented.random_plans(4, 500, rng)
+    plans = augmented.padded_random_plans(4, 500, rng)
     for some in (plans, augmented.neighbours(plans, np.full(500, 4), rng)):
         exact = np.rint(some * 10) / 10
         np.testing.assert_array_equal(plan_to_steps(some, 60, "simulate"), plan_to_steps(exact, 60, "simulate"))
@@ -55,7 +55,7 @@ def test_plans_and_neighbours_go_at_exact_tenths_of_a_second() -> None:
 
 def test_neighbours_differ_little() -> None:
     rng = np.random.default_rng(0)
-    plans = augmented.random_plans(4, 500, rng)
+    plans = augmented.padded_random_plans(4, 500, rng)
     near = augmented.neighbours(plans, np.full(500, 4), rng)
     assert np.isnan(near[:, 4:]).all()
     assert (np.isnan(near) != np.isnan(plans)).sum(axis=1).max() <= 1
