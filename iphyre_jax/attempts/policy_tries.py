@@ -17,6 +17,7 @@ import numpy.typing as npt
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import MAX_SEED, check_least, check_positive, show
 from iphyre_jax.envs.in_advance import action_to_times
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.plans import plan_to_steps, steps_to_times
 from iphyre_jax.scenes import Scene
 from iphyre_jax.train.algos.actor_critic import ActorCritic
@@ -76,6 +77,7 @@ class PolicyTries:
         if not isinstance(algorithm(self.config), ActorCritic):
             raise ValueError(f"config: expected ppo or a2c, got {show(self.config.agent)}")
 
+    @default_options()
     def __call__(self, scene: Scene, k: int, rng: np.random.Generator, past: Sequence[Attempt]) -> Floats:
         """Propose k plans, (k, S) s; without a judge the first of all is the greedy one."""
         agent = algorithm(self.config)

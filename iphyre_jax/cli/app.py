@@ -27,6 +27,7 @@ from iphyre_jax.cli.viewer.render import Plan, Render
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure
 from iphyre_jax.execution.forks import check_fork
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import SPLITS, load_scene
@@ -82,7 +83,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             configure()
         check_fork()  # some commands use JAX before they play
     action = next(action for kind, action in SUBCOMMANDS.values() if isinstance(command, kind))
-    return action(command, CommandConsole()) or 0
+    with default_options():
+        return action(command, CommandConsole()) or 0
 
 
 def _parse(arguments: list[str]) -> object:

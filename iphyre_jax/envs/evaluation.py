@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -97,7 +98,9 @@ def evaluate(
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
             ignores its key. It must have a hash. An action outside the action space, such as NaN, is an error. Arrays
-            that it reads from outside, such as weights, may change between two calls: it is compiled once for all.
+            that it reads from outside, such as weights, may change between two calls: it is compiled once for all. If
+            those change that a `jax.jit` within it closes over, it is compiled anew. So is any other function: give the
+            same one each time, or memory grows.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
@@ -178,7 +181,7 @@ class _Traced:
 
     policy: Policy
     text: str
-    """Of its jaxpr, in which those arrays have no values."""
+    """Of its jaxpr, in which those arrays have no values, and a sum of those that functions within it closed over."""
     jaxpr: Jaxpr = field(compare=False, repr=False)
 
     def __call__(self, weights: Sequence[Any], key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
@@ -196,7 +199,28 @@ def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.A
         return environment.action_space().array(policy(key, obs))
 
     closed = jax.make_jaxpr(act)(key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
-    return _Traced(policy, str(closed.jaxpr), closed.jaxpr), [jnp.asarray(const) for const in closed.consts]
+    text = f"{closed.jaxpr}\n{_inner_sum(closed.jaxpr)}"
+    return _Traced(policy, text, closed.jaxpr), [jnp.asarray(const) for const in closed.consts]
+
+
+def _inner_sum(jaxpr: Jaxpr) -> str:
+    """Return a sum of the arrays that jitted functions within a jaxpr closed over: JAX compiles their values in."""
+    hasher = hashlib.sha256()
+    for const in _inner_consts(jaxpr):
+        is_key = jnp.issubdtype(jax.typeof(const).dtype, jax.dtypes.prng_key)
+        hasher.update(np.asarray(jax.random.key_data(const) if is_key else const).tobytes())
+    return hasher.hexdigest()
+
+
+def _inner_consts(jaxpr: Jaxpr) -> Iterator[Any]:
+    """Yield the constants of all closed jaxprs within one."""
+    for equation in jaxpr.eqns:
+        for value in jax.tree.leaves(equation.params, is_leaf=lambda value: isinstance(value, ClosedJaxpr | Jaxpr)):
+            if isinstance(value, ClosedJaxpr):
+                yield from value.consts
+                yield from _inner_consts(value.jaxpr)
+            elif isinstance(value, Jaxpr):
+                yield from _inner_consts(value)
 
 
 def _games(split: object) -> object:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 from rich.console import Console
 
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.locks import locked
 from iphyre_jax.train import trainer
 from iphyre_jax.train.pool import with_sum
@@ -38,6 +39,7 @@ class TrainingResult(NamedTuple):
     finished: bool  # False if it was interrupted
 
 
+@default_options()
 def train(config: TrainConfig, folder: Path | None, console: Console) -> TrainingResult:
     """Train a policy and write its run folder.
 
@@ -66,6 +68,7 @@ def train(config: TrainConfig, folder: Path | None, console: Console) -> Trainin
         return _continue(config, folder, trainer.start(config), console)
 
 
+@default_options()
 def resume(folder: Path, console: Console, name: str | None = None) -> TrainingResult:
     """Continue an interrupted run from a checkpoint, by default the newest; if there is none, from the start.
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 import iphyre_jax
@@ -125,6 +127,31 @@ def test_a_policy_is_never_stale_and_is_compiled_once() -> None:
     assert not evaluate(agent.act, "support", strategy="in-advance").success.any()
     agent.scale = 1.0
     assert evaluate(agent.act, "support", strategy="in-advance").success.all()
+
+
+def _in_scan(act: Callable[[jax.Array], jax.Array]) -> Callable[[jax.Array], jax.Array]:
+    return lambda obs: jax.lax.scan(lambda carry, _: (carry, act(carry)), obs, None, length=1)[1][0]
+
+
+def _in_vmap(act: Callable[[jax.Array], jax.Array]) -> Callable[[jax.Array], jax.Array]:
+    return lambda obs: jax.vmap(act)(obs[None])[0]
+
+
+@pytest.mark.parametrize("within", [lambda act: act, _in_scan, _in_vmap], ids=["alone", "scan", "vmap"])
+def test_a_policy_is_not_stale_if_a_jitted_function_in_it_closes_over_its_arrays(within: Callable[..., Any]) -> None:
+    class Agent:
+        def learn(self, times: npt.ArrayLike) -> None:
+            weights, key = jnp.asarray(times, jnp.float32) / 15, jax.random.key(0)
+            self.act = within(jax.jit(lambda obs: weights + 0 * obs[:6] + 0 * jax.random.uniform(key)))
+
+    agent = Agent()
+
+    def policy(key: jax.Array, obs: jax.Array) -> jax.Array:
+        return agent.act(obs)
+
+    for times, solved in (([0.1, 0.4, 0, 0, 0, 0], True), (np.zeros(6), False), ([0.1, 0.4, 0, 0, 0, 0], True)):
+        agent.learn(times)
+        assert evaluate(policy, "support", strategy="in-advance").success.all() == solved
 
 
 def test_five_values_under_scan() -> None:

@@ -15,6 +15,7 @@ from iphyre_jax.attempts.metrics import solved_curve
 from iphyre_jax.attempts.planner import best_plans
 from iphyre_jax.attempts.protocol import Agent, Attempt
 from iphyre_jax.checks import check_plans, check_whole
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.models.outcome.plays.augmented import padded_random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
 from iphyre_jax.models.outcome.storage import OutcomeClassifier
@@ -45,6 +46,7 @@ def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Flo
     """
     config = classifier.config
 
+    @default_options()
     def judge(scene: SceneLike, plans: Floats) -> Floats:
         loaded = load_scene(scene)
         plans = check_plans(plans, len(loaded.eliminable_blocks), MAX_ELIMINABLE)

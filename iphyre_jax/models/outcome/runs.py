@@ -14,6 +14,7 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.data.dataset import Dataset
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.files import replace_json
 from iphyre_jax.locks import locked
 from iphyre_jax.models.outcome import metrics, storage
@@ -45,6 +46,7 @@ def material_of(config: OutcomeConfig, learned: Dataset, held: Dataset) -> Mater
     return Material(*jax.tree.map(jnp.asarray, parts))
 
 
+@default_options()
 def train(
     folder: Path,
     config: OutcomeConfig,
@@ -87,6 +89,7 @@ def train(
     return state
 
 
+@default_options()
 def judge(config: OutcomeConfig, params: Any, plays: Dataset) -> npt.NDArray[np.float64]:  # noqa: ANN401 - a tree
     """The chance of success that networks of K seeds give the plays, (K, N)."""
     seen = examples(plays, config)
@@ -139,6 +142,7 @@ def _nan_mean(rows: list[npt.NDArray[np.float64]]) -> list[float | None]:
     return [float(total / count) if count else None for total, count in zip(sums, counts, strict=True)]
 
 
+@default_options()
 def evaluate(
     folder: Path,
     config: OutcomeConfig,

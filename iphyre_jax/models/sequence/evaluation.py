@@ -14,6 +14,7 @@ from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.official_files import drawn_times
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
 from iphyre_jax.models.sequence.agent import Player, contrast
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig
@@ -47,6 +48,7 @@ def result(reward: Floats, success: npt.NDArray[np.bool_]) -> Result:
     }
 
 
+@default_options()
 def evaluate(config: SequenceConfig, params: Params, seeds: int) -> dict[str, Any]:
     """Play the fifty games with the models of some seeds: greedily, with sampled actions, and asked for other returns.
 
@@ -100,6 +102,7 @@ def _contrasting(config: SequenceConfig, params: Params, key: jax.Array) -> tupl
     return played.reward[:, None], played.success[:, None]
 
 
+@default_options()
 def sweep(config: SequenceConfig, params: Params) -> dict[str, list[float]]:
     """Mean rewards of greedy play on the basic and on the forty games, by the return asked for."""
     asked = SWEEP if config.strategy == "in-advance" else SWEEP[::2]

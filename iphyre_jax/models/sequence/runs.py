@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.files import replace_json
 from iphyre_jax.locks import locked
 from iphyre_jax.models.sequence import evaluation, storage
@@ -22,6 +23,7 @@ from iphyre_jax.provenance import provenance
 from iphyre_jax.train.progress import training_progress
 
 
+@default_options()
 def train(
     folder: Path, config: SequenceConfig, data: SequenceData, plays: Mapping[str, Any], console: Console
 ) -> SequenceState:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, STAYS, instants, removal_instants
 from iphyre_jax.models.world.reports.metrics import BOUNDS
@@ -39,6 +40,7 @@ class RollOut(NamedTuple):
     removals: tuple[float, ...]  # s, of the blocks that go before the end of the play
 
 
+@default_options()
 def roll_out_plan(model: WorldModel, scene: Scene, times: npt.ArrayLike) -> RollOut:
     """Play a plan and imagine it.
 

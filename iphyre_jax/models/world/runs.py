@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from rich.console import Console
 
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.locks import locked
 from iphyre_jax.models.storage import check_losses
 from iphyre_jax.models.world import storage
@@ -21,6 +22,7 @@ from iphyre_jax.train.progress import training_progress
 RENEWED: Final = 5  # chunks of steps after which there are new plays, if they are unlimited
 
 
+@default_options()
 def train(folder: Path, config: WorldConfig, console: Console, plays: Plays | None = None) -> TrainState:
     """Train a world model, or what is left of it.
 

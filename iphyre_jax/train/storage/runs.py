@@ -18,6 +18,7 @@ from typing import Final
 
 from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import scene_sum
+from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.files import read_json_object, replace_bytes, replace_json, replace_text
 from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
@@ -142,6 +143,7 @@ def read_config(path: Path) -> TrainConfig:
     return with_present_files(path, config_from_json(settings, file, old=content["version"] == 2))
 
 
+@default_options()
 def load(path: Path, name: str | None = None, *, to_resume: bool = False) -> tuple[TrainConfig, RunState]:
     """Settings and state of a finished or interrupted run; see `checkpoint.load`.
 

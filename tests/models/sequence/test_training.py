@@ -20,6 +20,7 @@ from iphyre_jax.models.sequence.settings import SequenceConfig, settings
 from iphyre_jax.models.settings import settings_of
 from iphyre_jax.models.storage import METRICS, STATE
 from tests.models.sequence.made_up import made_up
+from tests.other_options import other_options
 
 QUIET = Console(quiet=True)
 TINY = {"layers": 1, "width": 16, "heads": 2, "seeds": 2, "updates": 60, "chunk": 30, "batch_size": 16}
@@ -48,7 +49,9 @@ def test_the_return_decides(trained: tuple[Path, training.SequenceState]) -> Non
 
 
 @pytest.mark.slow
-def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], tmp_path: Path) -> None:
+def test_resumes_to_the_same_bits_whatever_the_options_of_jax(
+    trained: tuple[Path, training.SequenceState], tmp_path: Path
+) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -59,7 +62,8 @@ def test_resumes_to_the_same_bits(trained: tuple[Path, training.SequenceState], 
         with pytest.raises(KeyboardInterrupt):
             runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
     assert len((folder / METRICS).read_text().splitlines()) == 1 + 1
-    resumed = runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
+    with other_options():
+        resumed = runs.train(folder, CONFIG, DATA, ORIGIN, QUIET)
     for one, other in zip(jax.tree.leaves(trained[1]), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
     assert (folder / METRICS).read_bytes() == (trained[0] / METRICS).read_bytes()

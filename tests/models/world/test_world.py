@@ -38,6 +38,7 @@ from iphyre_jax.observations.official import object_rows, scene_features
 from iphyre_jax.rules import GOAL_Y
 from iphyre_jax.scenes import load_scene
 from tests.models.world.made_up import falling
+from tests.other_options import other_options
 
 QUIET = Console(quiet=True)
 MDRNN = WorldConfig(model="mdrnn", data="100", steps=4, chunk=2, batch_size=2, sequence=3)
@@ -148,7 +149,7 @@ def test_sigma_is_bounded_and_finite() -> None:
 
 
 @pytest.mark.slow
-def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> None:
+def test_resumes_to_the_same_bits_whatever_the_options_of_jax_and_refuses_other_settings(tmp_path: Path) -> None:
     whole = runs.train(tmp_path / "whole", MDRNN, QUIET, PLAYS)
 
     def interrupt(*_: object) -> None:
@@ -159,7 +160,8 @@ def test_resumes_to_the_same_bits_and_refuses_other_settings(tmp_path: Path) -> 
         patched.setattr(storage, "save", lambda *given: (kept(*given), interrupt()))
         with pytest.raises(KeyboardInterrupt):
             runs.train(tmp_path / "cut", MDRNN, QUIET, PLAYS)
-    resumed = runs.train(tmp_path / "cut", MDRNN, QUIET, PLAYS)
+    with other_options():
+        resumed = runs.train(tmp_path / "cut", MDRNN, QUIET, PLAYS)
     for one, other in zip(jax.tree.leaves(whole), jax.tree.leaves(resumed), strict=True):
         np.testing.assert_array_equal(one, other)
         assert np.isfinite(one).all()
@@ -189,7 +191,8 @@ def test_imagination_keeps_the_rules() -> None:
     """With the bound that stops at the first contact: "support" is solved once both blocks are gone."""
     model = storage.WorldModel("objects", OBJECTS, PARAMS, {})
     imagination = WorldImagination(model, falls_until_contact)
-    found = imagination.imagined("support", [[0.1, 0.1], [np.nan, np.nan]])
+    with other_options():
+        found = imagination.imagined("support", [[0.1, 0.1], [np.nan, np.nan]])
     assert found.success.tolist() == [True, False]
     assert found.eliminations.tolist() == [2, 0]
     assert found.steps[1] == 900

@@ -25,6 +25,7 @@ from iphyre_jax.train.reports import compare
 from iphyre_jax.train.settings.agents import PPO
 from iphyre_jax.train.settings.run import TrainConfig
 from iphyre_jax.train.storage import checkpoint, logs, manifest, runs
+from tests.other_options import other_options
 
 GAMES = ("support", "hole")
 TINY = TrainConfig(
@@ -131,7 +132,7 @@ def test_a_run_is_read_again(finished: loop.TrainingResult) -> None:
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_goes_on_to_the_same_bits(
+def test_an_interrupted_run_goes_on_to_the_same_bits_whatever_the_options_of_jax(
     finished: loop.TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interrupted while the second update is played, then resumed; a line cut short by a kill is written again."""
@@ -150,7 +151,8 @@ def test_an_interrupted_run_goes_on_to_the_same_bits(
     assert (folder / "curve.png").read_bytes().startswith(PNG)
     with (folder / logs.FILE).open("a") as file:
         file.write("2,32,3")
-    resumed = loop.resume(folder, QUIET)
+    with other_options():
+        resumed = loop.resume(folder, QUIET)
     assert resumed.finished
     assert_same_tree(resumed.state, finished.state)
     assert without_clock(folder) == without_clock(finished.folder)
