@@ -11,7 +11,8 @@ from dm_env import specs
 
 from iphyre_jax.adapters.arguments import SEEDS, checked_action, checked_seed, refuse_options
 from iphyre_jax.adapters.endings import gymnasium_flags
-from iphyre_jax.envs import EnvState, make
+from iphyre_jax.envs import Environment, EnvParams, EnvState, make
+from iphyre_jax.envs.params import on_device, on_host
 from iphyre_jax.envs.spaces import Discrete
 from iphyre_jax.execution.forks import check_fork
 
@@ -36,7 +37,7 @@ class DmEnv(dm_env.Environment):
         self._random = np.random.default_rng(checked_seed(seed))
         self.env, self.params = make(id, autoreset=False, **options)
         self._x64 = self.env.dtype == "float64"
-        self._single: dict[int, Any] = {}  # games played, so that no others compile
+        self._single: dict[int, tuple[Environment, EnvParams]] = {}  # games played, so that no others compile
         self._game = 0
         self._state: EnvState | None = None  # None: the next step begins an episode
 
@@ -44,9 +45,7 @@ class DmEnv(dm_env.Environment):
         """Begin an episode."""
         check_fork()
         self._game = int(self._random.integers(SEEDS)) % self.params.n_games
-        if self._game not in self._single:
-            self._single[self._game] = self.env.single_game(self.params, self._game)
-        env, params = self._single[self._game]
+        env, params = self._played()
         with jax.enable_x64(self._x64):
             obs, self._state = env.reset_to(np.int32(0), params)
             return dm_env.restart(np.array(obs))
@@ -61,7 +60,7 @@ class DmEnv(dm_env.Environment):
             return self.reset()
         check_fork()
         checked = checked_action(self.env.action_space(), action, ())
-        env, params = self._single[self._game]
+        env, params = self._played()
         with jax.enable_x64(self._x64):
             out = env.step(jax.random.key(0), self._state, checked, params)  # without autoreset nothing is random
             obs, self._state, reward = np.array(out[0]), out[1], np.float32(out[2])
@@ -71,6 +70,18 @@ class DmEnv(dm_env.Environment):
         if terminated:
             return dm_env.TimeStep(dm_env.StepType.LAST, reward, np.float32(0.0), obs)
         return (dm_env.truncation if truncated else dm_env.transition)(reward, obs, np.float32(1.0))
+
+    def _played(self) -> tuple[Environment, EnvParams]:
+        """Return an environment of the episode's game alone."""
+        if self._game not in self._single:
+            self._single[self._game] = self.env.single_game(self.params, self._game)
+        return self._single[self._game]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return on_host(self.__dict__ | {"_single": {}}, ("params", "_state"))
+
+    def __setstate__(self, content: dict[str, Any]) -> None:
+        self.__dict__.update(on_device(content, ("params", "_state"), content["_x64"]))
 
     def observation_spec(self) -> specs.Array:
         """Return the specification of an observation."""

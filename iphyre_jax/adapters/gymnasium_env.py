@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import gymnasium
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -17,6 +15,7 @@ from iphyre_jax.adapters.endings import gymnasium_flags
 from iphyre_jax.checks import check_instance, show
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.core import Environment
+from iphyre_jax.envs.params import on_device, on_host
 from iphyre_jax.envs.spaces import Discrete, Space
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.drawing import draw
@@ -161,17 +160,6 @@ def game_row(env: Environment, game: object) -> int:
     if isinstance(game, int | np.integer) and not isinstance(game, bool) and 0 <= game < len(env.games):
         return int(game)
     raise ValueError(f"options: expected a game of {env.name} by name or number, got {show(game)}")
-
-
-def on_host(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Return attributes, some of them as NumPy arrays: loaded without x64, JAX's 64-bit arrays would lose half."""
-    return content | {name: jax.tree.map(np.asarray, content[name]) for name in names}
-
-
-def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[str, Any]:
-    """Return attributes from `on_host` as they were."""
-    with jax.enable_x64(x64):
-        return content | {name: jax.tree.map(jnp.asarray, content[name]) for name in names}
 
 
 @partial(jax.jit, static_argnums=0)

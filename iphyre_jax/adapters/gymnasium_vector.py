@@ -20,14 +20,13 @@ from iphyre_jax.adapters.gymnasium_env import (
     RENDER_SIZE,
     check_render_mode,
     game_row,
-    on_device,
-    on_host,
     space_of,
 )
 from iphyre_jax.checks import MAX_SEED, check_instance, check_option, check_whole
 from iphyre_jax.envs import EnvParams, EnvState, make
 from iphyre_jax.envs.arguments import check_batch
 from iphyre_jax.envs.core import Environment
+from iphyre_jax.envs.params import on_device, on_host
 from iphyre_jax.execution.forks import check_fork
 from iphyre_jax.observations.drawing import draw
 from iphyre_jax.observations.images import drawing_of
@@ -239,6 +238,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
     ) -> dict[str, Any]:
         """Return infos as arrays over the worlds, each with the mask of the worlds that have it."""
         arrays = {name: np.array(value) for name, value in info.items() if name != "final_observation"}
+        fps = self.env.protocol.fps
+        arrays["time"] = np.rint(arrays["time"].astype(np.float64) * fps) / fps  # exact, as of GymnasiumEnv
         arrays["is_success"] = arrays["success"].copy()  # see GymnasiumEnv
         arrays |= {"official_terminated": terminated, "official_truncated": truncated}
         return arrays | {f"_{name}": present.copy() for name in arrays}

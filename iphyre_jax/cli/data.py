@@ -27,6 +27,7 @@ from iphyre_jax.data.official_files import check_folder_names, load_official, sa
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
 from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
 from iphyre_jax.envs.in_advance import action_to_times
+from iphyre_jax.files import check_writable
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, PEOPLE_FPS
@@ -149,7 +150,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
     if command.out is not None:
-        check_target(command.out, SCHEMA, ARRAYS, "out")
+        check_writable(check_target(command.out, SCHEMA, ARRAYS, "out")[0].parent, "out")
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.official is not None and command.source is None:
@@ -170,6 +171,7 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
 
     def save(dataset: Dataset) -> None:
         if command.out is not None:
+            command.out.parent.mkdir(parents=True, exist_ok=True)
             save_dataset(dataset, command.out)
 
     if command.named is not None:
@@ -291,6 +293,10 @@ def _describe(dataset: Dataset, command: Collect, console: Console) -> None:
             name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
             found = f"{entry['successes']} successes and {entry['failures']} failures"
             say(console, f"{name}: only {found} in {entry['draws']} draws")
+        if other := entry.get("other_labels", 0):
+            name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
+            ended = f"{other} of {len(dataset.of_game(name))} plays end otherwise than the files say"
+            say(console, f"{name}: {ended}; some do in a fresh space, many if --fps is not that of the files")
     where = "" if command.out is None else f"{command.out}: "
     solved = int(dataset.success.sum())
     say(console, f"{where}{len(dataset)} plays of {len(dataset.scenes)} scenes, {solved} solved, {dataset.fps} fps")

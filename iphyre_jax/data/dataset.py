@@ -90,20 +90,23 @@ class Dataset:
         return {name: array for name, array in named.items() if array is not None}
 
     def select(self, rows: npt.ArrayLike) -> Dataset:
-        """Return some plays, with all scenes; rows: indices or a mask, (N,). ValueError in one line for others."""
+        """Return some plays; rows: indices or a mask, (N,). ValueError in one line for others.
+
+        The scenes and the manifest, with its counts of plays, stay those of the whole set.
+        """
         index = check_rows(rows, len(self))
         return replace(self, **{name: array[index] for name, array in self.arrays().items()})
 
     def of_game(self, name: str) -> Dataset:
-        """Return the plays of the scene of this name.
+        """Return the plays of the scene of this name, or of all scenes that have it.
 
         Raises:
             ValueError: there is no such scene; one line.
         """
-        names = [scene.name for scene in self.scenes]
-        if name not in names:
+        named = [number for number, scene in enumerate(self.scenes) if scene.name == name]
+        if not named:
             raise ValueError(f"name: expected the name of a scene of the data set, got {show(name)}")
-        return self.select(self.game == names.index(name))
+        return self.select(np.isin(self.game, named))
 
 
 @lru_cache(4096)

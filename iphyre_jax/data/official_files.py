@@ -76,6 +76,7 @@ def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
     """Write the action lists of each game, and its sequences if the data set has poses, the solved ones first.
 
     Whoever plays the lists gives the first frames to the zeros of a row, one each; so a removal there goes some later.
+    Sequences keep the times after the end of a play, which the lists set to 0. Games that the folder has besides stay.
 
     Args:
         dataset: of scenes with different names.

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -193,3 +194,14 @@ class Worlds(ABC):
 def _digest_of(*values: object) -> str:
     """Return the SHA-256 sum of some values' representations."""
     return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+def on_host(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return attributes, some of them as NumPy arrays: loaded without x64, JAX's 64-bit arrays would lose half."""
+    return content | {name: jax.tree.map(np.asarray, content[name]) for name in names}
+
+
+def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[str, Any]:
+    """Return attributes from `on_host` as they were."""
+    with jax.enable_x64(x64):
+        return content | {name: jax.tree.map(jnp.asarray, content[name]) for name in names}

@@ -82,9 +82,17 @@ class Evaluation:
         return tuple(split for split in (*SPLITS, OWN, OTHER) if any(game.split == split for game in self.games))
 
     def mean(self, kind: str, split: str = "all") -> Score:
-        """Mean over the games of a split, or over the paper's forty for "all"; kind is "greedy" or "sampled"."""
+        """Mean over the games of a split; kind is "greedy" or "sampled".
+
+        For "all", over those of the paper's forty that were played.
+
+        Raises:
+            ValueError: no game of the split was played; one line.
+        """
         splits = PAPER_SPLITS if split == "all" else (split,)
         chosen = [game for game in self.games if game.split in splits]
+        if not chosen:
+            raise ValueError(f"split: expected one that was played, of {', '.join(self.splits)}; got {show(split)}")
         return _mean_score([getattr(game, kind) for game in chosen])
 
     def to_json(self) -> dict[str, Any]:

@@ -47,6 +47,14 @@ def test_autoreset_is_that_of_gymnasium(mode: AutoresetMode) -> None:
     assert games == {0, 1}
 
 
+def test_time_is_exact() -> None:
+    envs = GymnasiumVectorEnv("on-the-fly/support-v1", 2)
+    envs.reset(seed=0)
+    for _ in range(3):
+        infos = envs.step(np.zeros(2, np.int32))[-1]
+    assert infos["time"].tolist() == [0.3, 0.3]
+
+
 def test_generators_are_those_of_gymnasium() -> None:
     ours, theirs = GymnasiumVectorEnv(ID, 3), SyncVectorEnv([lambda: GymnasiumEnv(ID)] * 3)
     for seed in (5, [7, None, 9], None):

@@ -26,6 +26,15 @@ def test_a_data_set_is_made_verified_and_converted(tmp_path: Path, capsys: pytes
     assert run(["collect", "--source", str(tmp_path / "lists"), "--out", str(tmp_path / "again.npz")]) == 0
     again = load_dataset(tmp_path / "again.npz")
     assert sorted(again.end_step.tolist()) == sorted(load_dataset(first).end_step.tolist())
+    assert "than the files say" not in capsys.readouterr().out
+
+
+def test_files_of_another_rate_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lists, read = tmp_path / "lists", tmp_path / "new" / "read.npz"
+    assert run(["collect", "angle", "--successes", "3", "--failures", "4", "--official", str(lists)]) == 0
+    assert run(["collect", "--source", str(lists), "--fps", "10", "--out", str(read)]) == 0
+    assert (other := load_dataset(read).manifest["scenes"][0]["other_labels"]) > 0
+    assert f"angle: {other} of 7 plays end otherwise than the files say; " in capsys.readouterr().out
 
 
 def test_names_that_are_no_folders_are_refused_before_anything_is_played(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import unittest
 from collections.abc import Iterator
 
@@ -26,6 +27,20 @@ class OnTheFly(test_utils.EnvironmentTestMixin, absltest.TestCase):
 
     def make_action_sequence(self) -> Iterator[int]:
         yield from [0] * 155
+
+
+class Copies(absltest.TestCase):
+    """A copy goes on in the middle of an episode; float64, whose words JAX would cut in half where x64 is off."""
+
+    def test_a_pickled_copy_goes_on(self) -> None:
+        env = DmEnv(FLY, seed=0, dtype="float64")
+        env.reset()
+        env.step(1)
+        twin = pickle.loads(pickle.dumps(env))  # noqa: S301
+        for _ in range(3):
+            ours, theirs = env.step(2), twin.step(2)
+            np.testing.assert_array_equal(ours.observation, theirs.observation)
+            assert ours.reward == theirs.reward
 
 
 class InAdvance(test_utils.EnvironmentTestMixin, absltest.TestCase):
@@ -70,7 +85,7 @@ def main() -> bool:
 
 if __name__ == "__main__":
     start = now()
-    tests = unittest.TestSuite(map(unittest.defaultTestLoader.loadTestsFromTestCase, (OnTheFly, InAdvance)))
+    tests = unittest.TestSuite(map(unittest.defaultTestLoader.loadTestsFromTestCase, (OnTheFly, InAdvance, Copies)))
     passed = unittest.TextTestRunner().run(tests).wasSuccessful()
     if passed:
         record("dm-env-1", "dm-env", "its EnvironmentTestMixin, two strategies", since=start)

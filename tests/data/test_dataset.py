@@ -201,6 +201,8 @@ def test_selection_keeps_all_scenes() -> None:
     assert len(made().select([])) == 0
     assert half.scenes == (HOLE, VARIED)
     np.testing.assert_array_equal(half.draw, [0, 2])
+    same_name = made(scenes=(HOLE, replace(VARIED, name="hole"), VARIED), game=np.array([0, 1, 2]))
+    np.testing.assert_array_equal(same_name.of_game("hole").draw, [0, 1])
 
 
 def test_arrays_of_another_kind_are_not_replaced(tmp_path: Path) -> None:

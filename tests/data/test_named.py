@@ -82,6 +82,12 @@ def test_a_set_is_made_once_and_a_changed_file_refused(tmp_path: Path, monkeypat
         named_set("official", scale=50, games=["hole"], folder=tmp_path)
 
 
+def test_the_order_of_games_makes_no_other_set(tmp_path: Path) -> None:
+    for games in (["support", "hole"], ["hole", "support"]):
+        named_set("official", games=games, scale=25, folder=tmp_path)
+    assert len(list(tmp_path.glob("*.npz"))) == 1
+
+
 def test_a_game_without_pairs_ends() -> None:
     """Whoever removes both blocks of support within 7 s solves it; each plan is played once."""
     search = _PairSearch(set())

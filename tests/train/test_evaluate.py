@@ -44,8 +44,10 @@ def test_a_scene_of_ones_own_is_a_split_of_its_own(tmp_path: Path) -> None:
     assert ["scene" in one for one in content["games"]] == [False, False, True]
     assert set(content["splits"]) == {"basic", "unseen_basic", OTHER}
     trained = replace(CONFIG, games=(str(tmp_path / "mine.json"),))
-    (again,) = evaluate(trained, STATE, [own()]).games
+    (again,) = (alone := evaluate(trained, STATE, [own()])).games
     assert (again.split, again.greedy) == (OWN, mine.greedy)
+    with pytest.raises(ValueError, match=rf"^split: expected one that was played, of {OWN}; got 'all'$"):
+        alone.mean("greedy")
 
 
 def test_a_scene_with_the_name_of_a_game_is_not_that_game() -> None:

@@ -181,7 +181,7 @@ def named_set(
     check_option("name", name, NAMED_SETS)
     check_flag("sequences", sequences)
     scale = check_whole("scale", scale, 1, MOST_SCALE)
-    only = None if games is None else check_games(games)
+    only = None if games is None else tuple(sorted(check_games(games), key=ALL_GAMES.index))
     recipe = check_recipe(Recipe(protocol=PlayProtocol.at(fps), sequences=sequences), [load_scene(GAMES[0])], 1, 1)
     return _Sets(_folder(folder), recipe.protocol.fps, sequences, scale, only, report).load(name)
 
