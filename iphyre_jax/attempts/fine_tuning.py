@@ -18,7 +18,7 @@ from iphyre_jax.attempts.policies import attempts_of
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, show, whole_fps
 from iphyre_jax.envs.arguments import key_of
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scenes
 from iphyre_jax.train.algos.actor_critic import State
 from iphyre_jax.train.algos.base import Algorithm, preferring

@@ -11,7 +11,7 @@ import numpy as np
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS, Attempts
 from iphyre_jax.checks import MAX_SEED, check_resets, check_whole, whole_fps
 from iphyre_jax.envs.arguments import key_of
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.scenes import GAMES, SceneLike, load_scenes
 from iphyre_jax.train.algos.base import State, preferring_where
 from iphyre_jax.train.algos.registry import algorithm

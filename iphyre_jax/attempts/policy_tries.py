@@ -17,7 +17,7 @@ import numpy.typing as npt
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import MAX_SEED, check_least, check_positive, show
 from iphyre_jax.envs.in_advance import action_to_times
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.plans import plan_to_steps, steps_to_times
 from iphyre_jax.scenes import Scene
 from iphyre_jax.train.algos.actor_critic import ActorCritic

@@ -25,9 +25,8 @@ from iphyre_jax.cli.viewer import pages, render
 from iphyre_jax.cli.viewer.pages import PlayPage, Replay, Score
 from iphyre_jax.cli.viewer.render import Plan, Render
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
-from iphyre_jax.execution.configuration import configure
+from iphyre_jax.execution.configuration import configure, default_options
 from iphyre_jax.execution.forks import check_fork
-from iphyre_jax.execution.jax_options import default_options
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.rules import TIME_LIMIT
 from iphyre_jax.scenes import SPLITS, load_scene

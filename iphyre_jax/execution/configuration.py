@@ -1,10 +1,11 @@
-"""`configure`: threads, devices and the cache folder of a process. The defaults suit most programs."""
+"""Threads, devices and the cache folder of a process, and the options of JAX under which networks learn and play."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -183,3 +184,20 @@ def _give_to_jax(folder: Path | None, *, keep_foreign: bool) -> None:
             jax.config.update("jax_persistent_cache_enable_xla_caches", NO_PATHS)
             set_jax_cache(folder)
     _settings.jax_folder = folder
+
+
+@contextlib.contextmanager
+def default_options() -> Iterator[None]:
+    """Work with JAX's defaults of what decides numbers, for this thread: a context, or a decorator of a function.
+
+    So trained networks have the same bits in any user's process. Programs in float64 set x64 around their own calls.
+    """
+    with (
+        jax.enable_x64(False),
+        jax.default_prng_impl("threefry2x32"),
+        jax.threefry_partitionable(True),
+        jax.default_matmul_precision(None),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        yield

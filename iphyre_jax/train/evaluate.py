@@ -14,7 +14,7 @@ import numpy as np
 
 from iphyre_jax.checks import show
 from iphyre_jax.envs.in_advance import action_to_times, observation_table
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.scenes import GAMES, SPLITS, Scene, SceneLike, load_scene, load_scenes, scene_to_dict
 from iphyre_jax.scenes.library import PAPER_SPLITS, SPLIT_OF, check_names_differ, is_game, load_own_scenes

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from rich.console import Console
 
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.locks import locked
 from iphyre_jax.train import trainer
 from iphyre_jax.train.pool import with_sum

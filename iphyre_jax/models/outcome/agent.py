@@ -15,7 +15,7 @@ from iphyre_jax.attempts.metrics import solved_curve
 from iphyre_jax.attempts.planner import best_plans
 from iphyre_jax.attempts.protocol import Agent, Attempt
 from iphyre_jax.checks import check_plans, check_whole
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.models.outcome.plays.augmented import padded_random_plans
 from iphyre_jax.models.outcome.plays.inputs import plan_inputs, scene_inputs
 from iphyre_jax.models.outcome.storage import OutcomeClassifier

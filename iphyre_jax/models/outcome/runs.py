@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rich.console import Console
 
 from iphyre_jax.data.dataset import Dataset
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.files import replace_json
 from iphyre_jax.locks import locked
 from iphyre_jax.models.outcome import metrics, storage

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import MAX_SEED
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
 from iphyre_jax.models.sequence.decisions import centres, scaled, slot_objects
 from iphyre_jax.models.sequence.networks import END, NEVER_BIN, NOWHERE, Logits, SequenceModel, Sequences

@@ -14,7 +14,7 @@ from iphyre_jax.data.dataset import Dataset
 from iphyre_jax.data.draws import random_plans
 from iphyre_jax.data.labels import PlayProtocol
 from iphyre_jax.data.official_files import drawn_times
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.models.outcome.plays.inputs import scene_rows
 from iphyre_jax.models.sequence.agent import Player, contrast
 from iphyre_jax.models.sequence.settings import ASKED, SequenceConfig

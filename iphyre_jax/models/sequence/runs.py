@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.files import replace_json
 from iphyre_jax.locks import locked
 from iphyre_jax.models.sequence import evaluation, storage

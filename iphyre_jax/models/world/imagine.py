@@ -14,7 +14,7 @@ import numpy.typing as npt
 from iphyre_jax.attempts.planner import best_plans, different_plans
 from iphyre_jax.attempts.protocol import Attempt
 from iphyre_jax.checks import check_plans, check_whole
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, removal_instants
 from iphyre_jax.models.world.storage import WorldModel

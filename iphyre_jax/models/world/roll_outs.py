@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.models.world.interface import Predict, predictor, roll, start_memory, start_rows
 from iphyre_jax.models.world.plays import EVERY, FIRST, FPS, INSTANTS, STAYS, instants, removal_instants
 from iphyre_jax.models.world.reports.metrics import BOUNDS

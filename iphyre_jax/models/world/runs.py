@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from rich.console import Console
 
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.locks import locked
 from iphyre_jax.models.storage import check_losses
 from iphyre_jax.models.world import storage

@@ -18,7 +18,7 @@ from typing import Final
 
 from iphyre_jax.checks import show
 from iphyre_jax.data.dataset import scene_sum
-from iphyre_jax.execution.jax_options import default_options
+from iphyre_jax.execution.configuration import default_options
 from iphyre_jax.files import read_json_object, replace_bytes, replace_json, replace_text
 from iphyre_jax.locks import LOCK
 from iphyre_jax.provenance import provenance
