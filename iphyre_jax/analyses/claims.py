@@ -245,7 +245,7 @@ def _classifiers() -> list[Claim]:
 
 def _language_model() -> Claim:
     """Two solved games cannot give three means above zero."""
-    means = dict(zip(list(PAPER_SPLITS), paper_numbers()["language_model"], strict=True))
+    means = dict(zip(PAPER_SPLITS, paper_numbers()["language_model"], strict=True))
     positive = [split for split, mean in means.items() if mean > 0]
     return Claim(
         "The language model solves support and noisy_support only",

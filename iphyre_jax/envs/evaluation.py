@@ -98,9 +98,8 @@ def evaluate(
     Args:
         policy: `policy(key, observation) -> action`, a JAX function of one world's observation; a deterministic one
             ignores its key. It must have a hash. An action outside the action space, such as NaN, is an error. Arrays
-            that it reads from outside, such as weights, may change between two calls: it is compiled once for all. If
-            those change that a `jax.jit` within it closes over, it is compiled anew. So is any other function: give the
-            same one each time, or memory grows.
+            that it reads from outside, such as weights, may change between two calls: what computes the same of other
+            arrays is compiled once. Only arrays that a `jax.jit` within it closes over are compiled in, and kept.
         split: a split's name, "all" for the forty games, a game or scene file, or a sequence of them and of scenes.
         strategy: "in-advance", "on-the-fly" or "combined".
         protocol: "official" or "smooth", see `make`.
@@ -179,9 +178,10 @@ def _scores(environment: Environment, game: npt.NDArray[np.integer[Any]], steps:
 class _Traced:
     """A policy for `unroll`, whose weights are the arrays that it closed over; equal ones share a compiled program."""
 
-    policy: Policy
     text: str
     """Of its jaxpr, in which those arrays have no values, and a sum of those that functions within it closed over."""
+    policy: Policy | None
+    """If its program calls Python, which the text does not tell apart; else all policies of the same text are one."""
     jaxpr: Jaxpr = field(compare=False, repr=False)
 
     def __call__(self, weights: Sequence[Any], key: jax.Array, obs: jax.Array) -> tuple[jax.Array, tuple[()]]:
@@ -192,35 +192,38 @@ class _Traced:
 def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.Array) -> tuple[_Traced, Sequence[Any]]:
     """Return a policy for `unroll` and its weights.
 
-    It is traced at each call: a policy that reads what is trained between two calls is compiled once, and never stale.
+    It is traced at each call: a policy that reads what is trained between two calls, or a new function of the same
+    program, is compiled once, and never stale.
     """
 
     def act(key: jax.Array, obs: jax.Array) -> jax.Array:
         return environment.action_space().array(policy(key, obs))
 
     closed = jax.make_jaxpr(act)(key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
-    text = f"{closed.jaxpr}\n{_inner_sum(closed.jaxpr)}"
-    return _Traced(policy, text, closed.jaxpr), [jnp.asarray(const) for const in closed.consts]
+    inner = [*_inner(closed.jaxpr)]
+    equations = (equation for jaxpr in (closed.jaxpr, *(jaxpr for jaxpr, _ in inner)) for equation in jaxpr.eqns)
+    calls_python = any("callback" in equation.primitive.name for equation in equations)
+    text = f"{closed.jaxpr}\n{_sum([const for _, consts in inner for const in consts])}"
+    acting = _Traced(text, policy if calls_python else None, closed.jaxpr)
+    return acting, [jnp.asarray(const) for const in closed.consts]
 
 
-def _inner_sum(jaxpr: Jaxpr) -> str:
-    """Return a sum of the arrays that jitted functions within a jaxpr closed over: JAX compiles their values in."""
-    hasher = hashlib.sha256()
-    for const in _inner_consts(jaxpr):
-        is_key = jnp.issubdtype(jax.typeof(const).dtype, jax.dtypes.prng_key)
-        hasher.update(np.asarray(jax.random.key_data(const) if is_key else const).tobytes())
-    return hasher.hexdigest()
-
-
-def _inner_consts(jaxpr: Jaxpr) -> Iterator[Any]:
-    """Yield the constants of all closed jaxprs within one."""
+def _inner(jaxpr: Jaxpr) -> Iterator[tuple[Jaxpr, Sequence[Any]]]:
+    """Yield all jaxprs within one, with the arrays that they closed over: JAX compiles the values of those in."""
     for equation in jaxpr.eqns:
         for value in jax.tree.leaves(equation.params, is_leaf=lambda value: isinstance(value, ClosedJaxpr | Jaxpr)):
-            if isinstance(value, ClosedJaxpr):
-                yield from value.consts
-                yield from _inner_consts(value.jaxpr)
-            elif isinstance(value, Jaxpr):
-                yield from _inner_consts(value)
+            if isinstance(value, ClosedJaxpr | Jaxpr):
+                inner, consts = (value.jaxpr, value.consts) if isinstance(value, ClosedJaxpr) else (value, ())
+                yield inner, consts
+                yield from _inner(inner)
+
+
+def _sum(arrays: Sequence[Any]) -> str:
+    hasher = hashlib.sha256()
+    for array in arrays:
+        is_key = jnp.issubdtype(jax.typeof(array).dtype, jax.dtypes.prng_key)
+        hasher.update(np.asarray(jax.random.key_data(array) if is_key else array).tobytes())
+    return hasher.hexdigest()
 
 
 def _games(split: object) -> object:

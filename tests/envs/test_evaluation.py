@@ -123,10 +123,24 @@ def test_a_policy_is_never_stale_and_is_compiled_once() -> None:
     agent.times = np.array([0.1, 0.4, 0, 0, 0, 0], np.float32) / 15
     assert evaluate(agent.act, "support", strategy="in-advance").success.all()
     assert (unrolling._unroll._cache_size(), agent.traced) == (compiled, 2)
+    for seconds in (0.3, 0.0):  # a new function of the same program
+        times = jnp.asarray([0.1, 0.1 + seconds, 0, 0, 0, 0], jnp.float32) / 15
+        solved = evaluate(lambda key, obs, times=times: 1.0 * times, "support", strategy="in-advance").success.all()
+        assert (bool(solved), unrolling._unroll._cache_size()) == (seconds > 0, compiled)
     agent.scale = 0.0  # no array: another program
     assert not evaluate(agent.act, "support", strategy="in-advance").success.any()
     agent.scale = 1.0
     assert evaluate(agent.act, "support", strategy="in-advance").success.all()
+
+
+def test_policies_that_call_python_are_not_taken_for_each_other() -> None:
+    def of(times: list[float]) -> Callable[..., jax.Array]:
+        given = np.array(times, np.float32) / 15
+        shape = jax.ShapeDtypeStruct((6,), jnp.float32)
+        return lambda key, obs: jax.pure_callback(lambda _: given, shape, obs, vmap_method="sequential")
+
+    assert evaluate(of([0.1, 0.4, 0, 0, 0, 0]), "support", strategy="in-advance").success.all()
+    assert not evaluate(of([0.0] * 6), "support", strategy="in-advance").success.any()
 
 
 def _in_scan(act: Callable[[jax.Array], jax.Array]) -> Callable[[jax.Array], jax.Array]:
