@@ -58,6 +58,7 @@ def within_template_document(rows: Mapping[str, Row]) -> str:
         cells = [[name, str(len(row.seeds)), *_of_seeds(row)] for name, row in rows.items() if row.config.fps == fps]
         header = ["agent", "seeds", "basic", "unseen basic", "difference"]
         tables += [f"## Ours, {fps} steps a second, greedy", markdown_table(header, cells)]
+    learned = "Learned from variations of these games or from generated scenes too"
     more = [name for name, row in rows.items() if row.config.variations or row.config.scene_pool]
     stated = [
         [name, f"{pair['basic']:.2f}", f"{pair['unseen']:.2f}", f"{pair['unseen'] - pair['basic']:.2f}"]
@@ -70,11 +71,7 @@ def within_template_document(rows: Mapping[str, Row]) -> str:
                 "Written by `iphyre-jax analyse within-template`. Basic games, on which the agents were trained, and "
                 "ten other layouts of them. Means of the seeds that `make results` trained; in brackets the 95 % t "
                 "interval over seeds.",
-                *(
-                    [f"Learned from variations of these games or from generated scenes too: {', '.join(more)}."]
-                    if more
-                    else []
-                ),
+                *([f"{learned}: {', '.join(more)}."] if more else []),
                 *tables,
                 "## Paper, 10 steps a second, one episode a game",
                 markdown_table(["agent", "basic", "unseen basic", "difference"], stated),

@@ -287,16 +287,14 @@ def _plans_of(config: TrainConfig, state: State) -> PlanPolicy:
 
 
 def _describe(dataset: Dataset, command: Collect, console: Console) -> None:
-    """Print what was made, and which games have fewer plays than were asked for."""
-    for entry in dataset.manifest["scenes"]:
+    """Print what was made, and which games have fewer plays than were asked for, or others than the files say."""
+    for number, (scene, entry) in enumerate(zip(dataset.scenes, dataset.manifest["scenes"], strict=True)):
         if entry.get("iterations", 0) is None:
-            name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
             found = f"{entry['successes']} successes and {entry['failures']} failures"
-            say(console, f"{name}: only {found} in {entry['draws']} draws")
+            say(console, f"{scene.name}: only {found} in {entry['draws']} draws")
         if other := entry.get("other_labels", 0):
-            name = entry["scene"] if isinstance(entry["scene"], str) else entry["scene"]["name"]
-            ended = f"{other} of {len(dataset.of_game(name))} plays end otherwise than the files say"
-            say(console, f"{name}: {ended}; some do in a fresh space, many if --fps is not that of the files")
+            ended = f"{other} of {np.count_nonzero(dataset.game == number)} plays end otherwise than the files say"
+            say(console, f"{scene.name}: {ended}; some do in a fresh space, many if --fps is not that of the files")
     where = "" if command.out is None else f"{command.out}: "
     solved = int(dataset.success.sum())
     say(console, f"{where}{len(dataset)} plays of {len(dataset.scenes)} scenes, {solved} solved, {dataset.fps} fps")

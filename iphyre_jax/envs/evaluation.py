@@ -200,22 +200,22 @@ def _traced(policy: Policy, environment: Environment, key: jax.Array, obs: jax.A
         return environment.action_space().array(policy(key, obs))
 
     closed = jax.make_jaxpr(act)(key, jax.ShapeDtypeStruct(obs.shape[1:], obs.dtype))
-    inner = [*_inner(closed.jaxpr)]
-    equations = (equation for jaxpr in (closed.jaxpr, *(jaxpr for jaxpr, _ in inner)) for equation in jaxpr.eqns)
-    calls_python = any("callback" in equation.primitive.name for equation in equations)
-    text = f"{closed.jaxpr}\n{_sum([const for _, consts in inner for const in consts])}"
+    parts = [*_jaxprs(closed.jaxpr)]
+    calls_python = any("callback" in equation.primitive.name for jaxpr, _ in parts for equation in jaxpr.eqns)
+    text = f"{closed.jaxpr}\n{_sum([const for _, consts in parts for const in consts])}"
     acting = _Traced(text, policy if calls_python else None, closed.jaxpr)
     return acting, [jnp.asarray(const) for const in closed.consts]
 
 
-def _inner(jaxpr: Jaxpr) -> Iterator[tuple[Jaxpr, Sequence[Any]]]:
-    """Yield all jaxprs within one, with the arrays that they closed over: JAX compiles the values of those in."""
+def _jaxprs(jaxpr: Jaxpr, consts: Sequence[Any] = ()) -> Iterator[tuple[Jaxpr, Sequence[Any]]]:
+    """Yield a jaxpr and all within it, with the arrays that those closed over: JAX compiles their values in."""
+    yield jaxpr, consts
     for equation in jaxpr.eqns:
         for value in jax.tree.leaves(equation.params, is_leaf=lambda value: isinstance(value, ClosedJaxpr | Jaxpr)):
-            if isinstance(value, ClosedJaxpr | Jaxpr):
-                inner, consts = (value.jaxpr, value.consts) if isinstance(value, ClosedJaxpr) else (value, ())
-                yield inner, consts
-                yield from _inner(inner)
+            if isinstance(value, ClosedJaxpr):
+                yield from _jaxprs(value.jaxpr, value.consts)
+            elif isinstance(value, Jaxpr):
+                yield from _jaxprs(value)
 
 
 def _sum(arrays: Sequence[Any]) -> str:
