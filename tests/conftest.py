@@ -45,12 +45,16 @@ settings.load_profile("untimed")
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes long, and there with what compiles most, so that no worker is left with it at the end."""
+    """Begin with what takes long, and there with what compiles most, so that no worker is left with it at the end.
 
-    def turn(item: pytest.Item) -> int:
-        return 2 if item.get_closest_marker("slow") is None else int(not _is_as_for_users(item.path))
-
-    items.sort(key=turn)
+    Modules stay together: their fixtures are made once, and what one test compiled the next one has.
+    """
+    long = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: int(not _is_as_for_users(item.path)) if item.path in long else 2)
+    if not os.environ.get("IPHYRE_JAX_CHECK_ALL"):
+        for item in items:
+            if item.get_closest_marker("whole"):
+                item.add_marker(pytest.mark.skip(reason="a further case: make test-whole"))
 
 
 # Here the engine's programs are compiled as they are for users. All other tests ask what the code means, not what a
@@ -137,6 +141,13 @@ def little_memory() -> Iterator[None]:
         executables._loaded.clear()
         _quick_programs.clear()
         gc.collect()
+
+
+@pytest.fixture(scope="module")
+def quick_programs() -> Iterator[None]:
+    """For a module of AS_FOR_USERS: how programs of the engine are optimised is no claim of the module."""
+    with quick_engine():
+        yield
 
 
 @pytest.fixture(scope="module")

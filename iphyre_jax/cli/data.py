@@ -20,14 +20,14 @@ from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data import NAMED_SETS, Dataset, collect, load_dataset, named_set, save_dataset, verify
 from iphyre_jax.data.arrays import ARRAYS
-from iphyre_jax.data.dataset import SCHEMA, check_target
+from iphyre_jax.data.dataset import SCHEMA
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import check_folder_names, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
 from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
+from iphyre_jax.data.targets import check_new
 from iphyre_jax.envs.in_advance import action_to_times
-from iphyre_jax.files import check_writable
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, PEOPLE_FPS
@@ -149,15 +149,14 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         return 1 if different else 0
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
-    if command.out is not None:
-        check_writable(check_target(command.out, SCHEMA, ARRAYS, "out")[0].parent, "out")
+    journal = None if command.out is None else check_new(command.out, SCHEMA, ARRAYS, "out")[1]
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.official is not None and command.source is None:
         check_folder_names("games", [load_scene(game) for game in _games(command.games)])
     if command.minari is not None:
         check_minari(command.minari, "minari")
-    dataset = _make(command, report)
+    dataset = _make(command, journal, report)
     if command.official is not None:
         save_official(dataset, command.official)
     if command.minari is not None:
@@ -166,7 +165,7 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     return 0
 
 
-def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
+def _make(command: Collect, journal: Path | None, report: Callable[[str], None]) -> Dataset:
     """Return the data set that the options ask for, saved if they name a file."""
 
     def save(dataset: Dataset) -> None:
@@ -185,7 +184,6 @@ def _make(command: Collect, report: Callable[[str], None]) -> Dataset:
         )
         save(dataset)
         return dataset
-    journal = None if command.out is None else command.out.with_suffix(".parts")
     if command.source is not None:
         return _load(command.source, command, journal, report, save)
     if command.distribution == "policy" and command.policy is None:

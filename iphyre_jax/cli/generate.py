@@ -13,11 +13,11 @@ from rich.console import Console
 
 from iphyre_jax.cli.console import option, refuse_unread
 from iphyre_jax.cli.signals import with_status
-from iphyre_jax.data.dataset import check_target
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
 from iphyre_jax.data.generated.pool import ARRAYS, SCHEMA
-from iphyre_jax.files import check_output, check_writable
+from iphyre_jax.data.targets import check_new
+from iphyre_jax.files import check_output
 from iphyre_jax.train.reports.printing import say
 
 PICTURES = 40  # of a sheet
@@ -70,9 +70,7 @@ def _run(command: Generate, console: Console, report: Callable[[str], None]) -> 
 
 def _make(command: Generate, out: Path | None, report: Callable[[str], None]) -> GeneratedScenes:
     """Generate and write the scenes."""
-    npz, _ = check_target(out or Path(), SCHEMA, ARRAYS, "out")
-    check_writable(npz.parent, "out")
-    journal = npz.with_suffix(".parts")
+    npz, journal = check_new(out or Path(), SCHEMA, ARRAYS, "out")
     return generate_scenes(
         command.count,
         command.seed,

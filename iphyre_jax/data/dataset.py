@@ -16,9 +16,7 @@ import hashlib
 import json
 import math
 import os
-import re
-import zipfile
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +27,7 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import MAX_RESETS, check_rows, one_line, show
 from iphyre_jax.data.arrays import ARRAYS, MAX_STEPS, check_arrays, frames_of
+from iphyre_jax.data.targets import check_path, check_target
 from iphyre_jax.files import check_exist, pack_npz, parse_json, read_npz, replace_bytes
 from iphyre_jax.memory import check_memory
 from iphyre_jax.plans import Rule
@@ -39,7 +38,6 @@ SCHEMA: Final = "iphyre_jax/dataset"
 VERSION: Final = 1
 MAX_MANIFEST: Final = 200_000_000  # bytes; ten thousand scenes take some 10 MB
 EACH_RESET: Final = "draw + 2"  # the reset of each play of the form "exact"
-_HEAD: Final = 200  # bytes of NAME.json that hold its schema
 HEADERS: Final = 100_000  # bytes of NAME.npz beside its arrays
 REQUIRED: Final = ("schema", "version", "distribution", "form", "fps", "rule", "frames", "resets", "dtype", "seed")
 
@@ -170,49 +168,6 @@ def load_dataset(path: str | os.PathLike[str]) -> Dataset:
     scenes = tuple(_read_scene(entry, f"{manifest_file}: scenes[{k}]") for k, entry in enumerate(manifest["scenes"]))
     check_arrays(arrays, scenes, manifest, one_line(str(npz)))
     return Dataset(scenes, **{name: arrays.get(name) for name in ARRAYS}, manifest=manifest)  # type: ignore[arg-type]
-
-
-def check_path(path: str | os.PathLike[str], name: str = "path") -> tuple[Path, Path]:
-    """Return the two files of a data set, NAME.npz and NAME.json; ValueError, which begins with `name`, for others."""
-    if not isinstance(path, str | os.PathLike) or "\0" in str(path) or Path(path).suffix not in (".npz", ".json"):
-        got = show(str(path) if isinstance(path, os.PathLike) else path)
-        raise ValueError(f"{name}: expected the path of a data set, NAME.npz, got {got}")
-    return Path(path).with_suffix(".npz"), Path(path).with_suffix(".json")
-
-
-def check_target(
-    path: str | os.PathLike[str], schema: str, arrays: Collection[str], name: str = "path"
-) -> tuple[Path, Path]:
-    """Return the files NAME.npz and NAME.json to write, whose manifest has a schema.
-
-    Args:
-        path: of NAME.npz or NAME.json.
-        schema: of the manifest.
-        arrays: names that NAME.npz may have; a kill leaves it without a manifest.
-        name: of the argument, for the message.
-
-    Raises:
-        ValueError: another path, or a file is there and is something else, such as a scene; one line.
-        OSError: a file cannot be read.
-    """
-    npz, manifest = check_path(path, name)
-    if npz.exists() and not manifest.exists() and not _array_names(npz) <= set(arrays):
-        raise ValueError(f"{name}: {one_line(str(npz))} is there and is no {schema}; expected another name")
-    if manifest.exists():
-        with manifest.open("rb") as file:
-            head = file.read(_HEAD)
-        if not re.match(rb'\{\s*"schema": "' + re.escape(schema.encode()) + b'"', head):
-            raise ValueError(f"{name}: {one_line(str(manifest))} is there and is no {schema}; expected another name")
-    return npz, manifest
-
-
-def _array_names(npz: Path) -> set[str]:
-    """Return the names of the arrays in a file; one that no array can have if it holds something else."""
-    try:
-        with zipfile.ZipFile(npz) as archive:
-            return {name.removesuffix(".npy") for name in archive.namelist()}
-    except zipfile.BadZipFile:
-        return {""}
 
 
 def _describe(array: npt.NDArray[Any]) -> dict[str, Any]:

@@ -2,14 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from iphyre_jax import Scene
 from iphyre_jax.physics import State, Topology
 from iphyre_jax.physics.contact_rows import ContactLayout, unpack_contact
+from iphyre_jax.physics.solver import Contacts
 from iphyre_jax.physics.step import Stages
 from iphyre_jax.physics.vector import Vec
 from parity.engines.reference import BodyState
@@ -99,15 +102,13 @@ def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_
     """
     contact = stages.contacts
     count = min(int(stages.num_touching), layout.topology.slots)  # with more, the world ends in a fault
-    points = contact.points.unpack(axis=1)
     columns = ContactLayout(layout.topology.bars, layout.topology.moving, exact=True)
-    solved = unpack_contact(contact.packed, columns, axis=1)
-    first_second = [layout.pair_of(int(point)) for point in points.id[:count]]
+    ids, vectors, separation, masses, speeds = jax.device_get(_unpacked(columns, contact))
+    first_second = [layout.pair_of(int(point)) for point in ids[:count]]
     flip = np.array([_second_is_a(layout, state, low_is_a, pair) for pair in first_second], dtype=bool).reshape(
         count, 1
     )
-    one, two = _xy(points.arm_first)[:count], _xy(points.arm_second)[:count]
-    normal = _xy(points.normal)[:count]
+    normal, one, two = (_xy(vector)[:count] for vector in vectors)
     alive = {o: bool(state.alive[s]) for s, o in enumerate(layout.statics)}
     ends = (*scene.joints, *scene.springs)
     gone = np.array([not all(alive.get(o, True) for o in pair) for pair in ends], dtype=bool)
@@ -118,14 +119,25 @@ def jax_view(layout: Layout, scene: Scene, state: State, stages: Stages, low_is_
         normal=np.where(flip, -normal, normal),
         arm_a=np.where(flip, two, one),
         arm_b=np.where(flip, one, two),
-        separation=np.asarray(points.separation)[:count],
-        masses=np.stack([solved.normal_mass, solved.tangent_mass], axis=1)[:count],
-        speeds=np.stack([solved.bounce, solved.bias], axis=1)[:count],
+        separation=separation[:count],
+        masses=masses[:count],
+        speeds=speeds[:count],
         impulses=np.asarray(contact.impulses)[:count],
         constraint_impulses=np.where(gone, np.nan, [constraint.impulse for constraint in stages.constraints]),
         velocity=_xy(state.motion.velocity),
         angular_velocity=np.asarray(state.motion.angular_velocity),
     )
+
+
+@partial(jax.jit, static_argnums=0)  # field by field it takes longer than the step
+def _unpacked(
+    columns: ContactLayout, contact: Contacts
+) -> tuple[jax.Array, tuple[Vec, Vec, Vec], jax.Array, jax.Array, jax.Array]:
+    """Ids, normals with both arms, separations, masses (K, 2) and speeds (K, 2) of contacts."""
+    points, solved = contact.points.unpack(axis=1), unpack_contact(contact.packed, columns, axis=1)
+    masses, speeds = (solved.normal_mass, solved.tangent_mass), (solved.bounce, solved.bias)
+    vectors = points.normal, points.arm_first, points.arm_second
+    return points.id, vectors, points.separation, jnp.stack(masses, axis=1), jnp.stack(speeds, axis=1)
 
 
 def _second_is_a(layout: Layout, state: State, low_is_a: Sequence[jax.Array], pair: tuple[int, int]) -> bool:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from iphyre_jax.cli.main import run
-from iphyre_jax.data import load_dataset, save_dataset
+from iphyre_jax.data import collect, load_dataset, save_dataset
+from iphyre_jax.data.generated import load_generated, save_generated
 from iphyre_jax.scenes import load_scene, scene_to_dict, write_scene
 from iphyre_jax.viewer.plays import append_play, play_to_json
 from iphyre_jax.viewer.recording import record
@@ -122,17 +123,35 @@ def test_a_scene_is_never_replaced_by_a_manifest(
     assert scene.read_bytes() == before
 
 
+def test_a_data_set_is_replaced_only_by_the_command_that_was_killed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A journal beside it tells of the kill, which came after the set was written."""
+    made, pool = tmp_path / "made.npz", tmp_path / "pool.npz"
+    save_dataset(collect(["hole"], successes=0, failures=1), made)
+    save_generated(load_generated("shipped").select([1]), pool)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    for command, file in ((SMALL, made), (["generate", "--count", "1"], pool)):
+        assert run([*command, "--out", str(file)]) == 2
+        assert capsys.readouterr().err == f"iphyre-jax: out: {file} is there; expected another name\n"
+    assert before == {file: file.read_bytes() for file in tmp_path.iterdir()}
+    made.with_suffix(".parts").mkdir()
+    assert run([*SMALL, "--out", str(made)]) == 0
+    assert len(load_dataset(made)) == 7
+    assert not made.with_suffix(".parts").exists()
+
+
 def test_a_policy_plans_for_a_scene_with_larger_limits(tmp_path: Path) -> None:
     large = {**scene_to_dict(load_scene("hole")), "limits": {"objects": 16, "blocks": 8}}
-    (tmp_path / "large.json").write_text(json.dumps(large))
+    (tmp_path / "scene.json").write_text(json.dumps(large))
     options = ["--distribution", "policy", "--policy", "ppo-i", "--successes", "2", "--failures", "0"]
-    for game in ("hole", str(tmp_path / "large.json")):
-        assert run(["collect", game, *options, "--out", str(tmp_path / "plays.npz")]) == 0
-        plays = load_dataset(tmp_path / "plays.npz")
+    steps = []
+    for name, game in (("small", "hole"), ("large", str(tmp_path / "scene.json"))):
+        assert run(["collect", game, *options, "--out", str(tmp_path / f"{name}.npz")]) == 0
+        plays = load_dataset(tmp_path / f"{name}.npz")
         assert plays.success.all()
-        if game == "hole":
-            steps = plays.steps
-    np.testing.assert_array_equal(plays.steps, np.pad(steps, ((0, 0), (0, 2)), constant_values=-1))
+        steps.append(plays.steps)
+    np.testing.assert_array_equal(steps[1], np.pad(steps[0], ((0, 0), (0, 2)), constant_values=-1))
 
 
 def test_plays_are_known_by_what_they_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,8 +71,14 @@ def columns(plan: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return out
 
 
-@both
-@pytest.mark.parametrize("game", ["hole", "fill"])
+@pytest.mark.parametrize(
+    ("game", "dtype"),
+    [
+        ("hole", "float32"),
+        ("fill", "float64"),
+        *(pytest.param(*case, marks=pytest.mark.whole) for case in (("hole", "float64"), ("fill", "float32"))),
+    ],
+)
 def test_a_world_is_the_same_bits_wherever_it_stands(game: str, dtype: str) -> None:
     """Among 150 worlds, hence in two chunks, in another order, and with no neighbour but empty lanes."""
     plan = plans(game, 150)

@@ -21,10 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.checks import check_option, check_rows, show
-from iphyre_jax.data.dataset import check_path, check_target
 from iphyre_jax.data.generated.canvas import BALLS, BARS, FREE, SPRING, Canvas, scene_of
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, KINDS, SceneKind
 from iphyre_jax.data.generated.filtering import DTYPE, EASIEST, GRADES, KEPT, REASONS
+from iphyre_jax.data.targets import check_path, check_target
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.files import check_exist, file_sum, pack_npz, read_npz, read_versioned, replace_bytes, replace_json
 from iphyre_jax.provenance import CORE, provenance

@@ -27,6 +27,8 @@ from iphyre_jax.execution.programs import Score
 from iphyre_jax.scenes import load_scene
 from iphyre_jax.scenes.compile import topology_of
 
+pytestmark = pytest.mark.usefixtures("quick_programs")
+
 
 @pytest.fixture(params=[False, True], ids=["x64 off", "x64 on"])
 def flag(request: pytest.FixtureRequest) -> Iterator[bool]:

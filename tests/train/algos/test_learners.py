@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Iterable
 from typing import Any, get_args
 
@@ -95,10 +94,7 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
 
 def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
     """Those for every run of the tests, one on and one off policy; `make test-learners` tries the others too."""
-    rest = pytest.mark.skipif(
-        not os.environ.get("IPHYRE_JAX_CHECK_ALL"), reason="make test-learners tries every learner"
-    )
-    return [pytest.param(name, marks=() if name in kept else rest) for name in names]
+    return [pytest.param(name, marks=() if name in kept else pytest.mark.whole) for name in names]
 
 
 @pytest.mark.slow
