@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -20,8 +19,7 @@ from benchmarks.measure import Measurement, ratio
 from benchmarks.scaling import BatchScaling, SizeScaling
 from benchmarks.startup import Startup
 from benchmarks.workload import MIXED
-from iphyre_jax.execution.configuration import usable_cores
-from iphyre_jax.provenance import CORE, processor, source_commit, versions
+from iphyre_jax.provenance import CORE, machine, source_commit, versions
 
 SCHEMA = 3  # of the JSON file
 MAX_IDLE_LOAD = 0.5  # a machine with a higher load counts as busy
@@ -65,12 +63,8 @@ class Results:
 def run_info(options: Mapping[str, Any]) -> dict[str, Any]:
     """Machine, versions, commit and options."""
     return {
-        "machine": {
-            "system": platform.platform(),
-            "processor": processor(),
-            "cores": usable_cores(),
-            "load": os.getloadavg()[0],  # processes that wanted a core in the minute before the start
-        },
+        # Load: processes that wanted a core in the minute before the start.
+        "machine": {**machine(), "load": os.getloadavg()[0]},
         "versions": versions((*CORE, "pymunk")),
         "commit": source_commit(),
         "options": dict(options),

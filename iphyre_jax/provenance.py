@@ -41,6 +41,11 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
+def machine() -> dict[str, Any]:
+    """Return system, processor and cores that this process may use, as JSON values."""
+    return {"system": platform.platform(), "processor": processor(), "cores": usable_cores()}
+
+
 def device() -> str:
     """Return the platform and kind of the first device of JAX."""
     first = jax.devices()[0]

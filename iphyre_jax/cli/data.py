@@ -23,7 +23,7 @@ from iphyre_jax.data.arrays import ARRAYS
 from iphyre_jax.data.dataset import SCHEMA
 from iphyre_jax.data.draws import Plan
 from iphyre_jax.data.minari_export import export_minari
-from iphyre_jax.data.official_files import check_folder_names, load_official, save_official
+from iphyre_jax.data.official_files import check_folder_names, check_no_lists, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
 from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
 from iphyre_jax.data.targets import check_new
@@ -153,11 +153,14 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.official is not None and command.source is None:
-        check_folder_names("games", [load_scene(game) for game in _games(command.games)])
+        scenes = [load_scene(game) for game in _games(command.games)]
+        check_folder_names("games", scenes)
+        check_no_lists("official", command.official, scenes)
     if command.minari is not None:
         check_minari(command.minari, "minari")
     dataset = _make(command, journal, report)
     if command.official is not None:
+        check_no_lists("official", command.official, dataset.scenes)
         save_official(dataset, command.official)
     if command.minari is not None:
         export_minari(dataset, command.minari)

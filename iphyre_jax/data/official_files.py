@@ -72,6 +72,13 @@ def check_folder_names(argument: str, scenes: Sequence[Scene]) -> None:
             raise ValueError(f"{argument}: expected names of scenes that can name folders, got {show(scene.name)}")
 
 
+def check_no_lists(argument: str, folder: Path, scenes: Sequence[Scene]) -> None:
+    """Refuse a folder that has one of these scenes' own, for its files would be replaced; ValueError, one line."""
+    for scene in scenes:
+        if (there := folder / scene.name).exists():
+            raise ValueError(f"{argument}: {one_line(str(there))} is there; expected another folder")
+
+
 def save_official(dataset: Dataset, folder: str | os.PathLike[str]) -> None:
     """Write the action lists of each game, and its sequences if the data set has poses, the solved ones first.
 

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,9 +10,8 @@ from typing import Any
 
 from rich.console import Console
 
-from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
-from iphyre_jax.provenance import CORE, processor, source_commit, versions
+from iphyre_jax.provenance import CORE, machine, source_commit, versions
 from parity.divergences import DivergedPlan
 from parity.engines import reference
 from parity.play import GameResult
@@ -51,7 +49,7 @@ def run_info(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What a reader needs to repeat the run: versions, machine, commit and arguments."""
     return {
         "versions": {**versions(CORE), "pymunk": reference.VERSION},
-        "machine": {"system": platform.platform(), "processor": processor(), "cores": usable_cores()},
+        "machine": machine(),
         "xla flags": os.environ.get("XLA_FLAGS", "none"),
         "commit": source_commit() or "unknown",
         "arguments": dict(arguments),
