@@ -43,8 +43,8 @@ test: lint ## lint, types and the whole test suite
 test-fast: lint ## the same without the tests marked slow, for daily work
 	$(PYTEST) -m "not slow"
 
-test-whole: .venv/.stamp ## the further cases of claims that `make test` tries in one case each
-	IPHYRE_JAX_CHECK_ALL=1 $(PYTEST) -m whole
+test-further: .venv/.stamp ## the further cases of claims that `make test` tries in one case each
+	IPHYRE_JAX_CHECK_ALL=1 $(PYTEST) -m further
 
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones
 	IPHYRE_JAX_CHECK_ALL=1 $(PY) -m pytest -n 2 tests/adapters/test_gymnasium_check.py tests/adapters/test_gymnasium.py

@@ -53,8 +53,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: int(not _is_as_for_users(item.path)) if item.path in long else 2)
     if not os.environ.get("IPHYRE_JAX_CHECK_ALL"):
         for item in items:
-            if item.get_closest_marker("whole"):
-                item.add_marker(pytest.mark.skip(reason="a further case: make test-whole"))
+            if item.get_closest_marker("further"):
+                item.add_marker(pytest.mark.skip(reason="a further case: make test-further"))
 
 
 # Here the engine's programs are compiled as they are for users. All other tests ask what the code means, not what a

@@ -205,7 +205,7 @@ def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("game", "kernels", "rtol"),
-    [("hole", False, 1e-7), pytest.param("multi_ball_redirect", True, 3e-5, marks=pytest.mark.whole)],
+    [("hole", False, 1e-7), pytest.param("multi_ball_redirect", True, 3e-5, marks=pytest.mark.further)],
 )
 def test_a_traced_state_has_derivatives(game: str, kernels: bool, rtol: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an observation by the state before the decision, in every form, beside differences; kernels or not.

@@ -23,7 +23,7 @@ STAGED = (
     ("noisy_fill", 10, 1),
     ("multi_ball_hole", 60, 1),
     ("multi_ball_lever", 10, 1),
-    pytest.param("multi_ball_lever", 10, 2, marks=pytest.mark.whole),
+    pytest.param("multi_ball_lever", 10, 2, marks=pytest.mark.further),
     ("impulse_pendulum", 60, 3),
     ("impulse_spring", 60, 1),
 )

@@ -76,7 +76,7 @@ def columns(plan: npt.NDArray[Any]) -> npt.NDArray[Any]:
     [
         ("hole", "float32"),
         ("fill", "float64"),
-        *(pytest.param(*case, marks=pytest.mark.whole) for case in (("hole", "float64"), ("fill", "float32"))),
+        *(pytest.param(*case, marks=pytest.mark.further) for case in (("hole", "float64"), ("fill", "float32"))),
     ],
 )
 def test_a_world_is_the_same_bits_wherever_it_stands(game: str, dtype: str) -> None:

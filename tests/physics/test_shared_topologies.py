@@ -62,13 +62,13 @@ def _play(topology: Topology, world: Any, timing: Any) -> Any:
 @pytest.mark.parametrize(
     ("ties", "more", "dtype"),
     [
-        pytest.param("none", "one", "float64", marks=pytest.mark.whole),
+        pytest.param("none", "one", "float64", marks=pytest.mark.further),
         ("none", "two", "float64"),
-        pytest.param("one pin", "one", "float64", marks=pytest.mark.whole),
+        pytest.param("one pin", "one", "float64", marks=pytest.mark.further),
         ("a pin and a spring", "one", "float32"),
-        pytest.param("a pin and a spring", "many, also between", "float32", marks=pytest.mark.whole),
-        pytest.param("a pin and a spring", "many, also between", "float64", marks=pytest.mark.whole),
-        pytest.param("the spring takes the place of the first pin", "two", "float32", marks=pytest.mark.whole),
+        pytest.param("a pin and a spring", "many, also between", "float32", marks=pytest.mark.further),
+        pytest.param("a pin and a spring", "many, also between", "float64", marks=pytest.mark.further),
+        pytest.param("the spring takes the place of the first pin", "two", "float32", marks=pytest.mark.further),
         ("four, two at a bar", "many, also between", "float64"),
         ("the spring takes the place of the first pin", "two", "float64"),
     ],

@@ -102,7 +102,7 @@ def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> 
     assert_equal_trees(on_cpu, elsewhere)
 
 
-@pytest.mark.parametrize("names", [pytest.param(["hole"], marks=pytest.mark.whole), ["hole", "support"]])
+@pytest.mark.parametrize("names", [pytest.param(["hole"], marks=pytest.mark.further), ["hole", "support"]])
 @pytest.mark.parametrize("worlds", [1, 3, 128])
 def test_a_batch_may_be_known_to_the_compiler(names: list[str], worlds: int) -> None:
     """XLA then takes loops apart, and jaxlib 0.10.2 ended the process."""

@@ -94,7 +94,7 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
 
 def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
     """Those for every run of the tests, one on and one off policy; `make test-learners` tries the others too."""
-    return [pytest.param(name, marks=() if name in kept else pytest.mark.whole) for name in names]
+    return [pytest.param(name, marks=() if name in kept else pytest.mark.further) for name in names]
 
 
 @pytest.mark.slow
