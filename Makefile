@@ -37,7 +37,7 @@ on-the-fly: .venv/.stamp ## shipped policies that act on the fly: greedy by mode
 # Tests start hundreds of processes. Each would translate the package to bytecode again where none may be kept.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -n 2 --dist worksteal
 
-test: lint ## lint, types and the whole test suite
+test: lint ## lint, types and the test suite
 	$(PYTEST)
 
 test-fast: lint ## the same without the tests marked slow, for daily work
