@@ -26,12 +26,12 @@ from iphyre_jax.data.minari_export import export_minari
 from iphyre_jax.data.official_files import check_folder_names, check_no_lists, load_official, save_official
 from iphyre_jax.data.plays_io import dataset_from_plays, read_player_lines
 from iphyre_jax.data.recipe import MAX_DRAWS, PlanPolicy
-from iphyre_jax.data.targets import check_new
+from iphyre_jax.data.targets import journal_of_new
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.observations.official import start_observation
 from iphyre_jax.plans import Rule, plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND, NEVER, PEOPLE_FPS
-from iphyre_jax.scenes import GAMES, Scene, load_scene
+from iphyre_jax.scenes import Scene, load_scene
 from iphyre_jax.scenes.library import GAME_LISTS
 from iphyre_jax.scenes.limits import OFFICIAL
 from iphyre_jax.train.algos.base import State
@@ -149,11 +149,11 @@ def _run(command: Collect, console: Console, report: Callable[[str], None]) -> i
         return 1 if different else 0
     if not any((command.out, command.named, command.official, command.minari)):
         raise ValueError("out: expected the file to write, --out NAME.npz, or --named, --official or --minari")
-    journal = None if command.out is None else check_new(command.out, SCHEMA, ARRAYS, "out")[1]
+    journal = None if command.out is None else journal_of_new(command.out, SCHEMA, ARRAYS, "out")
     if command.official is not None and command.official.exists() and not command.official.is_dir():
         raise ValueError(f"official: expected a folder, got the file {show(str(command.official))}")
     if command.official is not None and command.source is None:
-        scenes = [load_scene(game) for game in _games(command.games)]
+        scenes = [load_scene(game) for game in _games(command.games or (() if command.named else ("all",)))]
         check_folder_names("games", scenes)
         check_no_lists("official", command.official, scenes)
     if command.minari is not None:
@@ -197,7 +197,7 @@ def _make(command: Collect, journal: Path | None, report: Callable[[str], None])
     fps, resets = (PEOPLE_FPS, 1) if policy is None else (policy[0].fps, policy[0].resets)
     rule: Rule = "simulate" if policy is None else "in_advance"
     return collect(
-        _games(command.games) if command.games else list(GAMES),
+        _games(command.games or ("all",)),
         successes=command.successes,
         failures=command.failures,
         distribution=command.distribution,

@@ -16,7 +16,7 @@ from iphyre_jax.cli.signals import with_status
 from iphyre_jax.data.generated import GeneratedScenes, generate_scenes, load_generated, save_generated
 from iphyre_jax.data.generated.drawing import DEFAULT_KIND, SceneKind
 from iphyre_jax.data.generated.pool import ARRAYS, SCHEMA
-from iphyre_jax.data.targets import check_new
+from iphyre_jax.data.targets import journal_of_new
 from iphyre_jax.files import check_output
 from iphyre_jax.train.reports.printing import say
 
@@ -61,24 +61,23 @@ def _run(command: Generate, console: Console, report: Callable[[str], None]) -> 
     check_output("sheet", command.sheet)
     if command.describe is not None:
         refuse_unread(command, ("describe", "sheet"), "with --describe")
-    scenes = load_generated(command.describe) if command.describe else _make(command, command.out, report)
+    scenes = load_generated(command.describe) if command.describe else _make(command, command.out or Path(), report)
     _describe(scenes, console)
     if command.sheet is not None:
         _draw(scenes, command.sheet)
     return 0
 
 
-def _make(command: Generate, out: Path | None, report: Callable[[str], None]) -> GeneratedScenes:
+def _make(command: Generate, out: Path, report: Callable[[str], None]) -> GeneratedScenes:
     """Generate and write the scenes."""
-    npz, journal = check_new(out or Path(), SCHEMA, ARRAYS, "out")
     return generate_scenes(
         command.count,
         command.seed,
         protocol=command.protocol,
         kind=command.kind,
-        journal=journal,
+        journal=journal_of_new(out, SCHEMA, ARRAYS, "out"),
         report=report,
-        save=partial(save_generated, path=npz),
+        save=partial(save_generated, path=out),
     )
 
 

@@ -49,8 +49,8 @@ def check_target(
     return npz, manifest
 
 
-def check_new(path: str | os.PathLike[str], schema: str, arrays: Collection[str], name: str) -> tuple[Path, Path]:
-    """Return what a long command needs to write: NAME.npz, and NAME.parts, the folder of its journal.
+def journal_of_new(path: str | os.PathLike[str], schema: str, arrays: Collection[str], name: str) -> Path:
+    """Return NAME.parts, the folder where a command that makes a new data set keeps its journal.
 
     Args:
         path: of NAME.npz or NAME.json.
@@ -67,7 +67,7 @@ def check_new(path: str | os.PathLike[str], schema: str, arrays: Collection[str]
     if npz.exists() and manifest.exists() and not journal.exists():
         raise ValueError(f"{name}: {one_line(str(npz))} is there; expected another name")
     check_writable(npz.parent, name)
-    return npz, journal
+    return journal
 
 
 def _array_names(npz: Path) -> set[str]:

@@ -32,12 +32,12 @@ def test_from_scratch_it_learns_the_game() -> None:
 def test_pretrained_it_begins_with_the_greedy_plan() -> None:
     policy = load_pretrained("ppo-i-objects")
     games = ("support", "noisy_hole")
-    learner = FineTuned(policy.config, policy.state)
-    one = learner.attempts(8, games=games, runs=2, fps=10, resets=2)
-    two = learner.attempts(8, games=games[:1], fps=10, resets=2)
+    one, two = (
+        FineTuned(policy.config, policy.state).attempts(8, games=games, runs=2, fps=10, resets=2) for _ in range(2)
+    )
     scores = {game["game"]: game["greedy"]["reward"] for game in policy.scores["games"]}
     np.testing.assert_allclose(one.reward[:, :, 0], [[scores[game]] * 2 for game in games], atol=1e-3)
-    np.testing.assert_array_equal(one.reward[:1, :1], two.reward)
+    np.testing.assert_array_equal(one.reward, two.reward)
     assert not np.array_equal(one.seconds[:, 0], one.seconds[:, 1])  # runs draw other plans
     assert one.games == games
 

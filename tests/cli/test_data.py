@@ -24,7 +24,7 @@ def test_a_data_set_is_made_verified_and_converted(tmp_path: Path, capsys: pytes
     assert sorted(path.name for path in tmp_path.iterdir()) == ["first.json", "first.npz", "lists"]
     assert run(["collect", "--verify", str(first)]) == 0
     assert "7 plays, all reproduced" in capsys.readouterr().out
-    for command in (SMALL, ["collect", "--source", str(first)]):
+    for command in (SMALL, ["collect"], ["collect", "--source", str(first)]):  # the second asks for all games
         assert run([*command, "--official", str(tmp_path / "lists")]) == 2
         assert "lists/hole is there; expected another folder\n" in capsys.readouterr().err
     assert run(["collect", "--source", str(tmp_path / "lists"), "--out", str(tmp_path / "again.npz")]) == 0

@@ -102,7 +102,7 @@ def test_the_shipped_model_predicts_the_next_table() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["on-the-fly", "combined"])
 def test_a_training_with_a_model_is_the_same_twice(strategy: StrategyName, tmp_path: Path) -> None:
-    world = replace(compare.row_settings("mdrnn-400"), width=16)
+    world = compare.row_settings("mdrnn-400")
     storage.RUNS.create(tmp_path / "model", world)
     storage.save(tmp_path / "model", world, start(world), [1.0])
     config = replace(PLAIN, strategy=strategy, prediction=str(tmp_path / "model"))

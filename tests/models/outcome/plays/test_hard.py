@@ -72,8 +72,10 @@ def initial(scenes: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf[None], params)
 
 
-def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Parameters, plays and scenes that each training from now on begins with."""
+def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(pool, "pool_scenes", lambda generated: [scene for scene in generated for _ in range(2)])
+    monkeypatch.setattr(ranker, "HELD", 3)
+    monkeypatch.setattr(ranker, "REFINED_EPOCHS", 1)
     started: list[Any] = []
     train = runs.train
 
@@ -82,26 +84,22 @@ def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         return train(folder, config, learned, held, console, params)
 
     monkeypatch.setattr(runs, "train", spy)
-    return started
-
-
-def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(pool, "pool_scenes", lambda generated: [scene for scene in generated for _ in range(2)])
-    monkeypatch.setattr(ranker, "HELD", 3)
-    monkeypatch.setattr(ranker, "REFINED_EPOCHS", 1)
-    started = trainings(monkeypatch)
     plain = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET)
-    fresh = [ranker.Refinement(lambda: SCENES)]
+    fresh = [ranker.Refinement(lambda: SCENES)] * 2
     found = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET, fresh)
-    assert len(started) == 2
+    assert len(started) == 3
     assert started[0][0] is None
     jax.tree.map(np.testing.assert_array_equal, started[1][0], plain.params)
-    assert started[0][1] < started[1][1]
-    assert [scenes for *_, scenes in started] == [2, 4]  # one in three is held out
+    middle = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET, fresh[:1])
+    jax.tree.map(np.testing.assert_array_equal, started[2][0], middle.params)
+    assert started[0][1] < started[1][1] < started[2][1]
+    assert [scenes for *_, scenes in started] == [2, 4, 6]  # one in three is held out
     assert found.config == dataclasses.replace(CONFIG, epochs=1, learning_rate=ranker.REFINED_RATE)
-    assert not np.array_equal(*(jax.tree.leaves(one.params)[0] for one in (plain, found)))
+    leaves = [jax.tree.leaves(one.params)[0] for one in (plain, middle, found)]
+    assert not np.array_equal(leaves[0], leaves[1])
+    assert not np.array_equal(leaves[1], leaves[2])
     monkeypatch.setattr(runs, "train", lambda *_: pytest.fail("trained again"))
-    fresh = [ranker.Refinement(lambda: pytest.fail("generated again"))]
+    fresh = [ranker.Refinement(lambda: pytest.fail("generated again"))] * 2
     again = ranker.trained_ranker(tmp_path, SCENES[:2], CONFIG, QUIET, fresh)
     jax.tree.map(np.testing.assert_array_equal, again.params, found.params)
 
@@ -115,7 +113,6 @@ def test_refinements_by_policies_learn_from_their_own_plays(monkeypatch: pytest.
     before = storage.OutcomeClassifier("ranker-10fps", ranker.refined(CONFIG), initial(scenes), {})
     storage.FILES.save(ranker.stage_folder(tmp_path, 1), before)
     asked: list[int] = []
-    started = trainings(monkeypatch)
 
     def propose(scenes: Any, count: int, rng: np.random.Generator) -> Any:
         asked.append(count)
@@ -127,10 +124,6 @@ def test_refinements_by_policies_learn_from_their_own_plays(monkeypatch: pytest.
     assert asked == [hard.DRAWN] * 2
     each = (hard.BEST + hard.OTHERS) * 2  # of three scenes, one of which is held out
     assert [found.origin["plays"] for found in (one, two)] == [each, 2 * each]
-    assert len(started) == 2
-    for begun, last in zip(started, (before, one), strict=True):
-        jax.tree.map(np.testing.assert_array_equal, begun[0], storage.shipped_params(last.params, 0))
-    assert not np.array_equal(*(jax.tree.leaves(found.params)[0] for found in (one, two)))
 
 
 def test_policies_propose_their_greedy_plan_and_samples() -> None:
