@@ -20,7 +20,7 @@ from benchmarks.measure import compare
 from benchmarks.report import Results
 from benchmarks.worker_pool import GAME_FACTOR, WorkerPool
 from benchmarks.workload import make_workload
-from iphyre_jax.checks import check_option
+from iphyre_jax.checks import check_option, check_whole
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
 from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_output
@@ -74,12 +74,16 @@ class Options:
             ValueError: an option is wrong; the message names it and what was expected.
             OSError: the folder cannot be made.
         """
-        require_at_least(self, repeats=1, plans=1, cores=1, seed=0)
+        require_at_least(self, repeats=1, plans=1, seed=0)
+        check_whole("--cores", self.cores, 1, usable_cores())
         if not self.parts or not self.fps or not self.batches or min(self.batches) < 1:
             raise ValueError("--parts, --fps, --batches: expected at least one value, and batches of at least 1")
         games = self.games or iphyre_jax.GAMES
         for game in games:
             check_option("--games", game, iphyre_jax.GAMES)
+        for name, values in (("--games", games), ("--fps", self.fps), ("--parts", self.parts)):
+            if len(set(values)) < len(values):
+                raise ValueError(f"{name}: expected each value once, got {' '.join(map(str, values))}")
         require_output(self.out, NAME)
         changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
         without = tuple(dict.fromkeys((*self.without, *(("jax2d",) if self.quick else ()))))

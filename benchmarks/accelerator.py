@@ -30,7 +30,7 @@ import iphyre_jax
 from benchmarks.learning.rows import rows as agent_rows
 from benchmarks.worker_pool import ROOT
 from benchmarks.workload import make_workload
-from iphyre_jax.checks import check_option
+from iphyre_jax.checks import check_option, check_whole
 from iphyre_jax.envs.protocols import PROTOCOLS
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.devices import on_cpu
@@ -243,6 +243,13 @@ def main(arguments: list[str] | None = None) -> int:
         require_at_least(options, plans=1)
         for name in options.agents:
             check_option("agents", name, tuple(agent_rows()))
+        for game in options.games:
+            iphyre_jax.load_scene(game)
+        for split in options.splits:
+            check_option("splits", f"on-the-fly/{split}-v1", iphyre_jax.environment_ids())
+        for name in ("lanes", "worlds"):
+            for number in getattr(options, name):
+                check_whole(name, number)
         if on_cpu():
             raise ValueError("expected a GPU: JAX's first device is a CPU")
     except ValueError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import tempfile
@@ -43,9 +44,10 @@ class Engine:
     per_game: bool = True
 
     def plans_per_game_in(self, workload: Workload) -> int:
-        """Plans a game of a workload: fewer if episodes have more steps, but at least one for each process."""
+        """Plans a game of a workload: fewer if episodes have more steps, as many for each process."""
         factor = GAME_FACTOR if len(workload.games) == 1 else 1
-        return factor * max(self.processes, self.plans_per_game * STEPS // max(STEPS, workload.steps))
+        plans = max(1, self.plans_per_game * STEPS // max(STEPS, workload.steps))
+        return factor * math.ceil(plans / self.processes) * self.processes
 
 
 @dataclass(frozen=True)

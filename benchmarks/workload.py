@@ -49,8 +49,13 @@ class Workload:
         return replace(self, plans=self.plans[:rows])
 
     def shares(self, parts: int) -> list[NDArray[np.intp]]:
-        """Rows for each of several processes; all get the same mixture of games."""
-        owner = np.arange(len(self.plans)) // len(self.games) % parts
+        """Rows for each of several processes, which all get the same mixture of games.
+
+        The first plans are spread over the processes: they remove nothing, so they take longest, and a measurement ends
+        with the slowest process.
+        """
+        plan, game = np.divmod(np.arange(len(self.plans)), len(self.games))
+        owner = (plan + game) % parts
         return [np.flatnonzero(owner == part) for part in range(parts)]
 
     def job(self, rows: NDArray[np.intp]) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any, Final
 
 import jax
@@ -22,6 +21,7 @@ from iphyre_jax.checks import (
     check_resets,
     check_which,
     check_whole,
+    is_list,
     show,
 )
 from iphyre_jax.execution.batching import cached_world
@@ -138,14 +138,14 @@ def simulate_many(
         ValueError: one line that names the argument and what was expected.
         OSError: a scene file cannot be read.
     """
-    if isinstance(scenes, str | PathLike | Scene) or not isinstance(scenes, Iterable):
+    if not is_list(scenes):
         raise ValueError(f"scenes: expected a sequence of names, files or Scenes, got {show(scenes)}")
     loaded = [load_scene(scene) for scene in scenes]
     settings = _settings(fps, duration, dtype, resets, sample_every, share_prefixes)
     partition = partition_of(mesh)
     if settings.share_prefixes and (settings.sample_every is not None or partition.process_count > 1):
         raise ValueError("share_prefixes: expected no samples, and no mesh that spans processes")
-    index = check_which(which, len(loaded), _hint)
+    index = check_which(which, len(loaded), _hint_of_tracer)
     plan = _plan(eliminate_at, [len(scene.eliminable_blocks) for scene in loaded], index)
     return _simulate(loaded, index, plan, settings, partition)
 
@@ -163,13 +163,17 @@ def _settings(
     return Settings(rate, steps, check_dtype(dtype), check_resets(resets), every, bool(share_prefixes))
 
 
+def _hint_of_tracer(value: object) -> str:
+    """Return what to do about a value that JAX traces, as the end of the message."""
+    traced = isinstance(value, jax.core.Tracer)
+    return "; simulate runs on the host, inside jax.jit call iphyre_jax.rollout" if traced else ""
+
+
 def _hint(value: object) -> str:
     """Return what to do about a plan that is no (B, S) array of integers, as the end of the message."""
-    if isinstance(value, jax.core.Tracer):
-        return "; simulate runs on the host, inside jax.jit call iphyre_jax.rollout"
     if not isinstance(value, np.ndarray):
-        return ""
-    if value.dtype.kind == "f":
+        return _hint_of_tracer(value)
+    if value.dtype.kind == "f" and value.size:
         return "; iphyre_jax.plan_to_steps turns seconds into steps"
     return "; one plan is a batch of one, [plan]" if value.dtype.kind in "iu" and value.ndim == 1 else ""
 

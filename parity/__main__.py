@@ -13,6 +13,7 @@ import iphyre_jax
 from iphyre_jax.memory import check_memory
 from iphyre_jax.physics import Topology
 from iphyre_jax.scenes.compile import topology_of
+from iphyre_jax.scenes.library import check_names_differ
 from parity.command import (
     options_as_json,
     progress_bar,
@@ -28,7 +29,7 @@ from parity.reports.report import publish, run_info
 from parity.reports.tables import sections
 
 PLAYS_A_TASK = 256  # two full chunks
-_BYTES_OF_PLAN = 1000  # drawn, played and compared, at least
+BYTES_OF_PLAN = 1000  # drawn, played and compared, at least
 
 Rate = Literal[60, 10]
 Dtype = Literal["float64", "float32"]
@@ -89,7 +90,7 @@ def check(options: Options) -> None:
         OSError: a scene file cannot be read.
     """
     require_at_least(options, plans=1, resets=1, workers=1, seed=0)
-    check_memory("--plans", _BYTES_OF_PLAN * options.plans, "compare fewer plans")
+    check_memory("--plans", BYTES_OF_PLAN * options.plans, "compare fewer plans")
     if not 0 <= options.statistics < math.inf:
         raise ValueError(f"--statistics: expected seconds, at least 0, got {options.statistics}")
     for part in options.perturbations:
@@ -106,6 +107,7 @@ def check(options: Options) -> None:
     require_output(options.out, options.name)
     for name in names:
         require_steps(iphyre_jax.load_scene(name), options.fps, options.duration)
+    check_names_differ("--games, --scene", [iphyre_jax.load_scene(name) for name in names])
 
 
 def tasks_of(options: Options) -> list[Task]:

@@ -279,11 +279,22 @@ def test_steps_beyond_int64_are_never_reached() -> None:
         ([[0.5, 1.5]], "iphyre_jax.plan_to_steps turns seconds into steps"),
         ([3, 5], r"one plan is a batch of one, \[plan\]"),
         (None, ""),
+        ([], r"float64 of shape \(0,\)"),
     ],
 )
 def test_a_plan_of_another_form_is_told_what_to_do(plan: Any, hint: str) -> None:
     with pytest.raises(ValueError, match=rf"^eliminate_at: expected integers of shape \(B, S\), got [^\n]*{hint}$"):
         simulate("hole", plan)
+
+
+def test_scenes_without_an_order_are_refused() -> None:
+    """The numbers of `which` would mean other scenes in each process, as the order of a set does."""
+    with pytest.raises(ValueError, match=r"^scenes: expected a sequence of names, files or Scenes, got a set of 2$"):
+        simulate_many({"hole", "support"}, [0, 1], [[18, 6], [18, 6]])
+    with pytest.raises(
+        ValueError, match=r"^which: expected integers, the scene of each plan, got float64 of shape \(1,\)$"
+    ):
+        simulate_many(["hole"], [0.0], [[1, 2]])
 
 
 def test_inside_jit_the_message_names_rollout() -> None:

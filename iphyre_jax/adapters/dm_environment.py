@@ -26,14 +26,14 @@ class DmEnv(dm_env.Environment):
     Args:
         id: of an environment, see `iphyre_jax.make`.
         seed: of the games, 0 to 2**63 - 1, or None for another at each time.
-        **options: as for `iphyre_jax.make`, except autoreset.
+        **options: as for `iphyre_jax.make`, except autoreset and final_observation.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
     """
 
     def __init__(self, id: str, *, seed: int | None = None, **options: Any) -> None:  # noqa: ANN401
-        refuse_options(options, ("autoreset",), ", because the interface says when to reset")
+        refuse_options(options, ("autoreset", "final_observation"), ", because the interface says when to reset")
         self._random = np.random.default_rng(checked_seed(seed))
         self.env, self.params = make(id, autoreset=False, **options)
         self._x64 = self.env.dtype == "float64"

@@ -43,7 +43,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     Args:
         id: of an environment, see `iphyre_jax.make`.
         render_mode: "rgb_array" for `render` to return the picture of the world, (600, 600, 3) uint8, or None.
-        **options: as for `iphyre_jax.make`, except autoreset.
+        **options: as for `iphyre_jax.make`, except autoreset and final_observation.
 
     Raises:
         ValueError: one line naming the argument and what was expected.
@@ -53,7 +53,7 @@ class GymnasiumEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     def __init__(self, id: str, *, render_mode: str | None = None, **options: Any) -> None:  # noqa: ANN401
         check_render_mode(render_mode)
-        refuse_options(options, ("autoreset",), ", because the user resets a gymnasium.Env")
+        refuse_options(options, ("autoreset", "final_observation"), ", because the user resets a gymnasium.Env")
         self.env, self.params = make(id, autoreset=False, **options)
         self.render_mode = render_mode
         self.observation_space = space_of(self.env.observation_space())

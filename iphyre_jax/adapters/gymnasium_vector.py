@@ -198,7 +198,8 @@ class GymnasiumVectorEnv(VectorEnv[npt.NDArray[Any], Any, npt.NDArray[Any]]):
         game = options.get("game")
         if game is None:
             return mask.copy(), np.full(self.num_envs, _ANY_GAME, np.int32)
-        games = list(game) if isinstance(game, list | tuple | np.ndarray) else [game] * self.num_envs
+        several = isinstance(game, list | tuple) or (isinstance(game, np.ndarray) and game.ndim > 0)
+        games = list(game) if several else [game] * self.num_envs
         if len(games) != self.num_envs:
             raise ValueError(f"options: expected one game, or {self.num_envs}, got {len(games)}")
         return mask.copy(), np.array([game_row(self.env, one) for one in games], np.int32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ from iphyre_jax.plans import Rule
 from iphyre_jax.provenance import CORE, provenance
 from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.library import SceneLike, load_scenes
+
+_FLOAT32: Final = np.finfo(np.float32)
 
 
 def collect(
@@ -130,7 +132,10 @@ def gather(
 def _plans(scene: Scene, recipe: Recipe, start: int) -> Iterator[Plan]:
     """Return the plans of a recipe for a scene, without the first ones."""
     if recipe.policy is not None:
-        plans = _with_slots(recipe.policy(scene, recipe.seed), scene)
+        plans = recipe.policy(scene, recipe.seed)
+        if not isinstance(plans, Iterator):
+            raise ValueError(f"policy: expected an iterator of plans, got {show(plans)}")
+        plans = _with_slots(plans, scene)
     else:
         drawn = "official" if recipe.distribution == "mixed" else recipe.distribution
         plans = random_plans(scene, drawn, recipe.seed)
@@ -143,9 +148,19 @@ def _with_slots(plans: Iterator[Plan], scene: Scene) -> Iterator[Plan]:
     """Yield plans; ValueError, one line, at the first that has not a time for each slot, or one for no block."""
     slots, blocks = scene.limits.blocks, len(scene.eliminable_blocks)
     for plan in plans:
-        if np.shape(plan) != (slots,):
-            raise ValueError(f"policy: expected plans of {slots} times, got one of shape {np.shape(plan)}")
-        if np.nan_to_num(np.asarray(plan[blocks:], np.float64)).any():
+        try:
+            times = np.asarray(plan, np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"policy: expected plans of {slots} times, got {show(plan)}") from None
+        if times.shape != (slots,):
+            raise ValueError(f"policy: expected plans of {slots} times, got one of shape {times.shape}")
+        # A data set keeps float32: none may become infinite there, or 0, which removes nothing.
+        played = times[~np.isnan(times)]
+        held = (played == 0) | ((played >= _FLOAT32.tiny) & (played <= _FLOAT32.max))
+        if not held.all():
+            found = show(float(played[~held][0]))
+            raise ValueError(f"policy: expected times from 0 on that float32 can hold, or NaN, got {found}")
+        if np.nan_to_num(times[blocks:]).any():
             expected = f"0 or NaN after the times of the {blocks} eliminable blocks of {scene.name}"
             raise ValueError(f"policy: expected {expected}, got {show(list(plan))}")
         yield plan

@@ -25,6 +25,9 @@ def rowwise(work: Callable[[Shared, Rows], Results], shared: Shared, rows: Rows)
         shared: a tree of arrays.
         rows: a tree of arrays with one axis of rows in front, as its results have.
     """
+    # Without jit, `custom_partitioning` refuses functions that close over arrays. JAX's types do not know the flag.
+    if jax.config.jax_disable_jit:  # type: ignore[attr-defined]
+        return work(shared, rows)
     work = jax.jit(work)  # traced once, not for its shapes too
     spread = custom_partitioning(work)
 

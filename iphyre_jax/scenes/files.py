@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from iphyre_jax.checks import one_line
-from iphyre_jax.files import MAX_JSON_BYTES, parse_json, replace_text
+from iphyre_jax.files import MAX_JSON_BYTES, check_output, parse_json, replace_text
 from iphyre_jax.scenes.codec import scene_from_dict, scene_to_dict
 from iphyre_jax.scenes.limits import Limits
 from iphyre_jax.scenes.scene import Scene
@@ -39,8 +39,10 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         path: the file; its folder must exist.
 
     Raises:
+        ValueError: a folder, or a file in one that does not exist; one line.
         OSError: the file cannot be written.
     """
+    check_output("path", Path(path), ())
     replace_text(Path(path), scene_text(scene))
 
 

@@ -139,7 +139,7 @@ class Camera:
         colours, height, recording = self.colours, self.look.caption_height, self.recording
         whole = Image.new("RGB", (picture.width, picture.height + height), colours.background)
         whole.paste(picture, (0, height))
-        pen, letters = ImageDraw.Draw(whole), font(max(11, round(height * 0.5)))
+        pen, letters = ImageDraw.Draw(whole), font(max(11, round(height * 0.5)), ascii_only=self.title.isascii())
         ground = blend(colours.text, colours.background, 0.06)
         pen.rectangle((0, 0, whole.width, height - 1), ground)
         state, colour = f"{k / recording.fps:.2f} s" if recording.steps else "", colours.quiet

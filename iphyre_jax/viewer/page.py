@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Final
 
 import iphyre_jax
-from iphyre_jax.checks import is_list, show
-from iphyre_jax.files import replace_bytes
+from iphyre_jax.checks import check_instance, is_list, show
+from iphyre_jax.files import check_output, replace_bytes
 from iphyre_jax.scenes import Scene, scene_to_dict
 from iphyre_jax.viewer import themes
 from iphyre_jax.viewer.pack import pack_play
@@ -85,8 +85,14 @@ def write_replay(path: str | os.PathLike[str], plays: Sequence[Play], *, title: 
 
     Raises:
         OSError: the file cannot be written.
-        ValueError: there is no play, or the page would exceed 100 MB.
+        ValueError: there is no play, something else is none, the path is no .html file in a folder that exists, or the
+            page would exceed 100 MB.
     """
+    check_output("path", Path(path), (".html", ".htm"))
+    if not is_list(plays):
+        raise ValueError(f"plays: expected a sequence of plays, got {show(plays)}")
+    for play in plays:
+        check_instance("plays", play, Play, "plays")
     recordings = [(play, play.record()) for play in plays]
     page = replay_page([(play.agent, recording) for play, recording in recordings], title=title).encode()
     if len(page) > MAX_BYTES:

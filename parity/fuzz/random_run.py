@@ -17,7 +17,8 @@ from rich.console import Console
 from iphyre_jax import Scene
 from iphyre_jax.execution.compilation.description import source_sums
 from iphyre_jax.files import replace_text
-from parity.__main__ import PLAYS_A_TASK, Rate
+from iphyre_jax.memory import check_memory
+from parity.__main__ import BYTES_OF_PLAN, PLAYS_A_TASK, Rate
 from parity.command import (
     options_as_json,
     progress_bar,
@@ -25,6 +26,7 @@ from parity.command import (
     require_at_least,
     require_output,
     require_rates,
+    require_steps,
 )
 from parity.compare import PlanComparison
 from parity.divergences import DivergedPlan
@@ -222,7 +224,10 @@ def main(arguments: list[str] | None = None) -> int:
     console = report_console()
     try:
         require_at_least(options, scenes=1, plans=1, resets=1, workers=1, seed=0, shrink=0)
+        check_memory("--plans", BYTES_OF_PLAN * options.plans, "compare fewer plans")
         require_rates(options.fps, options.duration)
+        for index in range(min(options.scenes, len(TEMPLATES))):
+            require_steps(random_scene(index, options.seed), options.fps, options.duration)
         require_output(options.out, options.name)
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)

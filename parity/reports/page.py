@@ -73,7 +73,8 @@ def _rate(fps: int, tables: Sequence[Section], results: Sequence[GameResult]) ->
     parts += _error_charts(own)
     for section in tables:
         parts += _worst([result for result in own if result.dtype == section.dtype], section.title)
-    parts += _diverged([plan for result in own for plan in result.diverged])
+    if any(section.dtype == "float64" for section in tables):
+        parts += _diverged([plan for result in own for plan in result.diverged])
     parts += _physics([result.statistics for result in own if result.statistics])
     return parts
 
@@ -239,7 +240,7 @@ def _physics(pairs: Sequence[PlayStatistics]) -> list[str]:
     note = (
         '<p class="note">One play of each game in float64, ours above, pymunk below. Every mass is 1: energies are in '
         "px²/s² (0 at y = 600), momenta and impulses in px/s, overlap in px. Contacts and impulses are sums over the "
-        f"first {len(pairs[0].ours.points) / pairs[0].fps:g} s at most.</p>"
+        f"first {max(len(pair.ours.points) / pair.fps for pair in pairs):g} s at most.</p>"
     )
     table = _html_table(("game", "energy", *(name for name, _ in PHYSICS)), rows)
     return ["<details><summary>Energy, momentum and contacts side by side</summary>", note, table, "</details>"]

@@ -30,7 +30,7 @@ def markdown(tables: Sequence[Section], results: Sequence[GameResult], info: Map
         rows = [cells(row) for row in (*section.games, section.overall, *section.sensitivity)]
         lines += ["", f"## {section.title}", "", targets_line(section), ""]
         lines += ["| " + " | ".join(HEADINGS) + " |", "|---" * len(HEADINGS) + "|"]
-        lines += ["| " + " | ".join(row) + " |" for row in rows]
+        lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     diverged = [plan for result in results for plan in result.diverged if plan.dtype == "float64"]
     if diverged:
         lines += ["", "## Plans that diverge in float64", ""]

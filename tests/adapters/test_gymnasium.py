@@ -130,6 +130,14 @@ BAD = {
     "no worlds": (_vector([], num_envs=0), "num_envs: expected a whole number of at least 1"),
     "half a world": (_vector([], num_envs=0.5), "num_envs: expected a whole number of at least 1"),
     "autoreset": (_vector([], autoreset=False), "autoreset: expected none"),
+    "final of one": (
+        lambda: GymnasiumEnv("on-the-fly/support-v1", final_observation=True),
+        "final_observation: expected none",
+    ),
+    "game in an array": (
+        lambda: GymnasiumVectorEnv("on-the-fly/hole-v1").reset(options={"game": np.array(1)}),
+        "options: expected a game",
+    ),
     "final": (_vector([], final_observation=True), "final_observation: expected none"),
     "no reset": (lambda: GymnasiumEnv("on-the-fly/support-v1").step(0), "step: expected a call of reset"),
     "human": (lambda: GymnasiumEnv("on-the-fly/support-v1", render_mode="human"), "render_mode: expected"),

@@ -23,6 +23,24 @@ def test_a_cpu_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert accelerator.main(["--plans", "0"]) == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--games", "hol"], "scene: expected the name of a game"),
+        (["--splits", "nosuch"], "splits: expected one of "),
+        (["--lanes", "0"], "lanes: expected a whole number of at least 1, got 0"),
+        (["--worlds", "8", "-1"], "worlds: expected a whole number of at least 1, got -1"),
+    ],
+)
+def test_bad_options_are_told_before_anything_is_measured(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accelerator, "on_cpu", lambda: False)
+    monkeypatch.setattr(accelerator, "TABLES", {})
+    assert accelerator.main(arguments) == 2
+    assert capsys.readouterr().err.startswith(message)
+
+
 @pytest.mark.slow
 def test_steps_and_decisions_are_told_row_by_row(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from benchmarks.worker_pool import Engine
 from benchmarks.workers.protocol import Job
 from benchmarks.workload import MIXED, make_workload
 from iphyre_jax import GAMES, load_scene
@@ -35,10 +37,24 @@ def test_shares_are_disjoint_complete_and_equal_mixtures() -> None:
         assert np.bincount(rows % 3).tolist() == [2, 2, 2]
 
 
+@pytest.mark.parametrize("fps", [10, 60])
+@pytest.mark.parametrize("processes", [2, 3, 8])
+def test_no_process_waits_long_for_another(processes: int, fps: int) -> None:
+    """The first plan of each game removes nothing: it takes longest, most of all beside few others."""
+    engine = Engine("any", (), processes, plans_per_game=processes + 1)
+    plans = engine.plans_per_game_in(make_workload(GAMES, 1, fps, seed=0))
+    workload = make_workload(GAMES, plans, fps, seed=0)
+    assert plans % processes == 0
+    for rows in workload.shares(processes):
+        assert np.bincount(rows % len(GAMES)).tolist() == [plans // processes] * len(GAMES)
+        idle = (workload.plans[rows] == -1).all(axis=1).sum()
+        assert abs(idle - (workload.plans == -1).all(axis=1).sum() / processes) < 1
+
+
 def test_a_job_says_all_that_a_worker_needs() -> None:
     workload = make_workload(("hole", "fill"), 3, 10, seed=0)
     job = Job(**workload.job(workload.shares(2)[1]))
     assert [scene_from_dict(scene).name for scene in job.scenes] == ["hole", "fill"]
-    assert job.which == [0, 1]
-    assert job.plans == workload.plans[2:4].tolist()
+    assert job.which == [1, 0, 1]
+    assert job.plans == workload.plans[[1, 2, 5]].tolist()
     assert (job.fps, job.steps) == (10, 150)

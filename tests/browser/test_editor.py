@@ -74,6 +74,77 @@ def test_a_drawing_is_not_lost_with_the_server(browser: Browser, tmp_path: Path)
         assert said == ["beforeunload"]
 
 
+def test_what_was_undone_comes_back_from_another_tab(browser: Browser, tmp_path: Path) -> None:
+    with tab(browser, tmp_path) as page:
+        edit(page)
+        assert page.is_disabled("#undo")  # there is nothing before the scene that was opened
+        x, y = _middle(page)
+        drag(page, (x, y), (x, y - 100))
+        page.click("#undo")
+        assert page.is_disabled("#undo")
+        page.click("[data-mode=play]")
+        page.click("[data-mode=edit]")
+        assert _middle(page) == [x, y]
+        page.click("#redo")
+        assert _middle(page) == [x, y - 100]
+
+
+def test_a_drawing_that_another_scene_replaced_is_asked_for(browser: Browser, tmp_path: Path) -> None:
+    """Undo would bring it back, and a new page would not."""
+    with tab(browser, tmp_path) as page:
+        said: list[str] = []
+
+        def stay(dialog: Dialog) -> None:
+            said.append(dialog.type)
+            dialog.dismiss()
+
+        page.on("dialog", stay)
+        edit(page)
+        x, y = _middle(page)
+        drag(page, (x, y), (x, y - 100))
+        until(page, VALID)
+        page.click("#clear")
+        page.evaluate("location.reload()")
+        page.wait_for_timeout(500)
+        assert said == ["beforeunload"]
+        page.click("#undo")
+        assert _middle(page) == [x, y - 100]
+        saved_scene(page)
+        page.reload()
+        page.wait_for_selector("html[data-ready=support]")
+        assert said == ["beforeunload"]
+
+
+def test_messages_do_not_cover_each_other(browser: Browser, tmp_path: Path) -> None:
+    with tab(browser, tmp_path) as page:
+        edit(page)
+        page.click("#clear")
+        click = clicker(page, "#sketch")
+        for x, y in ((300, 300), (310, 305), (320, 310)):
+            page.click("[data-tool=bar]")
+            click(x, y)
+        page.click("[data-tool=ball]")
+        click(300, 50)
+        until(page, VALID)
+        written = page.evaluate(
+            """() => {
+              const pen = document.getElementById("sketch").getContext("2d"), rows = [];
+              const fill = pen.fillText;
+              pen.fillText = function (text, x, y) {
+                rows.push([x, y, this.measureText(text).width]);
+                fill.call(this, text, x, y);
+              };
+              dispatchEvent(new Event("resize"));
+              delete pen.fillText;
+              return rows;
+            }"""
+        )
+        assert len(written) >= 2
+        for place, (x, y, width) in enumerate(written):
+            for u, v, other in written[:place]:
+                assert abs(y - v) >= 14 or x >= u + other or u >= x + width
+
+
 def test_indices_do_not_outlive_a_change(browser: Browser, tmp_path: Path) -> None:
     with tab(browser, tmp_path) as page:
         edit(page)

@@ -1,5 +1,6 @@
 """Collections: the counts and labels of the official generator, the same bits after a kill, no repeated play."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -216,9 +217,16 @@ def test_times_that_are_rounded_up_or_down_are_verified(fps: int) -> None:
     assert not verify(made)
 
 
-def test_a_plan_of_another_length_is_one_line() -> None:
+def test_plans_that_no_data_set_can_hold_are_one_line() -> None:
     with pytest.raises(ValueError, match=r"^policy: expected plans of 6 times, got one of shape \(2,\)$"):
         collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0]))
+    for wrong, got in ((1e39, "1e+39"), (-1.0, "-1.0"), (np.inf, "inf"), (1e-300, "1e-300")):
+        with pytest.raises(ValueError, match=rf"^policy: expected times from 0 on .*, got {re.escape(got)}$"):
+            collect(["support"], distribution="policy", policy=lambda *_, first=wrong: repeat([first, 2.0, 0, 0, 0, 0]))
+    with pytest.raises(ValueError, match=r"^policy: expected plans of 6 times, got a list of 6$"):
+        collect(["support"], distribution="policy", policy=lambda *_: repeat(["a", 2.0, 0, 0, 0, 0]))
+    with pytest.raises(ValueError, match=r"^policy: expected an iterator of plans, got None$"):
+        collect(["support"], distribution="policy", policy=lambda *_: None)
     of_no_block = r"^policy: expected 0 or NaN after the times of the 2 eliminable blocks of support, got a list of 6"
     with pytest.raises(ValueError, match=of_no_block):
         collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0, 0.0, 0.0, 3.0, 0.0]))

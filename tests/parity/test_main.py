@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from iphyre_jax import GAMES, SPLITS
+from iphyre_jax import GAMES, SPLITS, load_scene
+from iphyre_jax.scenes.files import write_scene
 from parity.__main__ import Options, main, scenes
 
 
@@ -48,6 +49,15 @@ def test_bad_options_get_one_line(arguments: list[str], line: str, capsys: pytes
     error = capsys.readouterr().err
     assert line in error
     assert error.count("\n") == 1
+
+
+def test_scenes_of_one_name_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their rows and charts could not be told apart."""
+    files = [tmp_path / "one.json", tmp_path / "other.json"]
+    for file in files:
+        write_scene(load_scene("hole"), file)
+    assert main(["--scene", *map(str, files), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == "--games, --scene: expected scenes of different names, got 'hole' twice\n"
 
 
 def test_without_names_the_forty_games_are_compared() -> None:

@@ -201,3 +201,18 @@ def told(data: object) -> list[str]:
         return str(error).split("\n")
     assert isinstance(scene, Scene)
     return []
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (".", "path: expected the name of a file, got the folder '.'"),
+        ("no/scene.json", "path: expected a file in a folder that exists, got 'no/scene.json'"),
+    ],
+)
+def test_a_scene_goes_to_a_file_in_a_folder_that_exists(
+    name: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        write_scene(load_scene("fill"), name)

@@ -7,13 +7,15 @@ import hashlib
 import json
 import re
 import zlib
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from iphyre_jax import SceneBuilder, load_scene
 from iphyre_jax.viewer import pack
-from iphyre_jax.viewer.page import SCRIPTS, json_for_script, page_file, replay_page
+from iphyre_jax.viewer.page import SCRIPTS, json_for_script, page_file, replay_page, write_replay
 from iphyre_jax.viewer.play.server import SCRIPTS as PLAY_SCRIPTS
 from iphyre_jax.viewer.recording import Recording, record
 from iphyre_jax.viewer.sheets import start_of
@@ -108,3 +110,21 @@ def test_pages_write_text_never_markup() -> None:
 def test_a_page_needs_a_play() -> None:
     with pytest.raises(ValueError, match="plays: expected at least one"):
         replay_page([])
+
+
+@pytest.mark.parametrize(
+    ("name", "plays", "message"),
+    [
+        (".", [], "path: expected the name of a file, got the folder '.'"),
+        ("no/x.html", [], "path: expected a file in a folder that exists, got 'no/x.html'"),
+        ("x.txt", [], "path: expected a file name that ends in .html, .htm, got 'x.txt'"),
+        ("x.html", None, "plays: expected a sequence of plays, got None"),
+        ("x.html", [("agent", None)], "plays: expected plays, got a list of 2"),
+    ],
+)
+def test_what_is_no_page_or_no_play_is_told_before_anything_is_played(
+    name: str, plays: Any, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        write_replay(name, plays)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from iphyre_jax.compat.world import SteppedWorld
 from iphyre_jax.viewer import films
 from iphyre_jax.viewer.films import save, save_picture
 from iphyre_jax.viewer.frames import Camera, Look, frames, still
+from iphyre_jax.viewer.painter import font
 from iphyre_jax.viewer.recording import Recording, record
 from iphyre_jax.viewer.sheets import contact_sheet, start_of
 from iphyre_jax.viewer.themes import THEMES
@@ -69,6 +71,26 @@ def test_trails_and_marks_are_seen(solved: Recording) -> None:
     green, brown = THEMES["modern"].solved, THEMES["modern"].failed
     assert (marked == green).all(axis=2).any()
     assert (failed == brown).all(axis=2).any()
+
+
+def test_captions_have_letters_of_many_scripts() -> None:
+    """Pillow's own font shows each of these as the same empty box."""
+    boxes = {font(20).getmask(letter).getbbox() for letter in "ë日"}
+    shapes = [bytes(font(20, ascii_only=False).getmask(letter)) for letter in "ëПα✓\uffff"]
+    assert len(boxes) == 1
+    assert len(set(shapes)) == len(shapes)
+
+
+def test_a_small_ball_is_seen_behind_its_joint() -> None:
+    scene = load_scene("impulse_pendulum")
+    small = replace(scene, balls=scene.balls * [1, 1, 0.25])
+    ((x, y, radius),) = small.balls
+    assert any(small.n_blocks in pair for pair in small.joints)
+    assert radius == 5
+    for theme, seen in (("modern", True), ("official", False)):
+        picture = still(start_of(small), replace(BARE, size=600, theme=theme)).astype(int)
+        dotted = np.abs(picture[round(y - 3), round(x)] - THEMES[theme].joint).max() < 30
+        assert dotted != seen
 
 
 def test_side_by_side_waits_for_the_longer(solved: Recording) -> None:

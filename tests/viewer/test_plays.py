@@ -234,6 +234,24 @@ def test_the_command_line_renders_replays_and_scores(tmp_path: Path, capsys: pyt
     assert again.err == f"iphyre-jax: FutureWarning: `evaluate {plays}` is deprecated; use `iphyre-jax score {plays}`\n"
 
 
+def test_scenes_of_one_name_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Scenes that are drawn on the page are all called "my scene" at first."""
+    hole = load_scene("hole")
+    moved = replace(hole, blocks=hole.blocks + 5)
+    plays, out = tmp_path / "plays.jsonl", tmp_path / "out.png"
+    for scene in (hole, moved):
+        append_play(plays, play_to_json(record(scene, [-1, -1, 83, 32]), "somebody", {}))
+    assert run(["score", str(plays)]) == 0
+    assert [line.split()[:2] for line in capsys.readouterr().out.splitlines() if "hole" in line] == [
+        ["hole", "#1"],
+        ["hole", "#2"],
+    ]
+    assert run(["render", str(plays), "--game", "hole", "-o", str(out)]) == 2
+    assert (
+        capsys.readouterr().err == "iphyre-jax: game: expected plays of one scene, got other scenes named 'hole' too\n"
+    )
+
+
 @pytest.mark.filterwarnings("default")
 def test_a_command_says_in_one_line_that_a_file_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "plays.jsonl"

@@ -144,12 +144,13 @@ def _score_table(games: dict[Scene, list[float]], fps: int) -> Table:
     table.add_column("game")
     for title in ("attempts", "solved", f"best of first {ATTEMPTS}", "people (paper)"):
         table.add_column(title, justify="right")
-    best = []
-    for scene, rewards in games.items():
+    best, names = [], [scene.name for scene in games]
+    for place, (scene, rewards) in enumerate(games.items()):
+        number = f" #{names[: place + 1].count(scene.name)}" if names.count(scene.name) > 1 else ""
         best.append(max(rewards[:ATTEMPTS]))
         human = paper_rewards(scene.name).get("human") if is_game(scene) and fps == PEOPLE_FPS else None
         solved = sum(reward > 0 for reward in rewards)
         cells = (str(len(rewards)), str(solved), f"{best[-1]:.2f}", "" if human is None else f"{human:.2f}")
-        table.add_row(Text(scene.name), *cells)
+        table.add_row(Text(scene.name + number), *cells)
     table.add_row("mean", "", "", f"{np.mean(best):.2f}", "", style="bold")
     return table

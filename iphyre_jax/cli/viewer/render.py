@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 from rich.console import Console
 
-from iphyre_jax.checks import check_least, check_option
+from iphyre_jax.checks import check_least, check_option, show
 from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
@@ -127,7 +127,10 @@ def render(command: Render, console: Console) -> None:
         else:
             if len(chosen) > BESIDE:
                 say(console, f"{what}: the first {BESIDE} of {len(chosen)} plays of {command.game}")
+            if len({play.scene for play in chosen}) > 1:
+                raise ValueError(f"game: expected plays of one scene, got other scenes named {show(command.game)} too")
             plays, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
+            titles[0] = f"{command.game}: {titles[0]}"
             save(command.out, plays, look, titles, frame=frame, hold=command.hold)
     else:
         play = _record_plan(command, load_scene(what))

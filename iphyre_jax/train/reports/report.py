@@ -79,7 +79,7 @@ def seeds_cell(values: Sequence[float], factor: float = 1.0, digits: int = 1) ->
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table: names to the left, numbers to the right."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def markdown(evaluation: Evaluation, config: TrainConfig, facts: Mapping[str, Any]) -> str:

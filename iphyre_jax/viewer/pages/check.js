@@ -22,16 +22,18 @@ function drawMessages(pen, theme, answer, scene) {
   pen.textBaseline = "middle";
   let corner = 16;
   const lines = [...answer.problems.map((text) => [text, theme.failed]), ...answer.warnings.map((text) => [text, theme.quiet])];
-  const taken = new Map();
+  const taken = []; // rectangles with text: [left, top, right, bottom], px
   for (const [text, colour] of lines.slice(0, 12)) {
     const object = objectOf(text, scene);
     const here = object !== null && object < poses.length;
-    const row = here ? taken.get(object) || 0 : 0;
-    if (here) taken.set(object, row + 1);
     const parts = wrapped(pen, text, 290);
     const width = Math.max(...parts.map((part) => pen.measureText(part).width));
     const x = here ? Math.min(Math.max(8, poses[object][0] - width / 2), SIDE - width - 12) : 8;
-    let y = here ? Math.min(Math.max(16, poses[object][1] + 34 + row * 34), SIDE - 16) : corner;
+    const height = 17 * parts.length;
+    const free = (top) => taken.find(([l, t, r, b]) => x < r && x + width > l && top < b && top + height > t);
+    let y = here ? Math.min(Math.max(16, poses[object][1] + 34), SIDE - height) : corner;
+    for (let other; (other = free(y - 9)); ) y = other[3] + 9;
+    taken.push([x, y - 9, x + width, y - 9 + height]);
     for (const part of parts) {
       pen.globalAlpha = 0.9;
       pen.fillStyle = theme.background;

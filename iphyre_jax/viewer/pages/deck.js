@@ -20,10 +20,16 @@ const hasModifier = (event) => event.ctrlKey || event.metaKey || event.altKey;
 
 /** Give plays of one scene titles: the agent, with a number where it has several. */
 function numbered(plays) {
+  const titles = distinct(plays.map((play) => play.agent));
+  return plays.map((play, i) => ({ ...play, title: titles[i] }));
+}
+
+/** Names of which those that are there more than once have a number. */
+function distinct(names) {
   const counts = new Map();
-  const count = ({ agent }) => counts.set(agent, (counts.get(agent) || 0) + 1).get(agent);
-  const numbers = plays.map(count);
-  return plays.map((play, i) => ({ ...play, title: counts.get(play.agent) > 1 ? `${play.agent} #${numbers[i]}` : play.agent }));
+  const count = (name) => counts.set(name, (counts.get(name) || 0) + 1).get(name);
+  const numbers = names.map(count);
+  return names.map((name, i) => (counts.get(name) > 1 ? `${name} #${numbers[i]}` : name));
 }
 
 const labelOf = (play) => `${play.title} · ${points(play.reward)} · ${play.fps} steps/s`;

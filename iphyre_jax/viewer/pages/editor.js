@@ -28,22 +28,34 @@ class Editor {
     this.future = [];
     this.answer = { state: "checking", problems: [], warnings: [] };
     this.turn = 0;
+    this.opened = false; // the empty scene is not shown before one is opened, so it is nothing to go back to
     this.keep();
   }
 
+  /** Show another scene. What was drawn and not saved can still be undone to, so it can still be lost. */
   open(scene) {
     const { known, ...fields } = scene;
-    this.change(() => (this.scene = { joint: [], spring: [], ...structuredClone(fields) }));
+    const lost = this.unsaved;
+    const show = () => (this.scene = { joint: [], spring: [], ...structuredClone(fields) });
+    if (this.opened) {
+      this.change(show);
+    } else {
+      show();
+      this._changed();
+    }
+    this.opened = true;
     this.keep();
+    this.replaced = lost;
   }
 
   /** Remember the scene as one that is not lost with the page: it was opened or saved. */
   keep() {
     this.kept = JSON.stringify(this.scene);
+    this.replaced = false; // whether a drawing that was not saved is in the past alone
   }
 
   get unsaved() {
-    return JSON.stringify(this.scene) !== this.kept;
+    return this.replaced || JSON.stringify(this.scene) !== this.kept;
   }
 
   /** Change the scene in a way that can be undone. */

@@ -35,9 +35,10 @@ class PlayPage {
 
   fillGames() {
     const groups = new Map();
+    const names = distinct(this.start.games.map((game) => game.name));
     this.start.games.forEach((game, i) => {
       if (!groups.has(game.split)) groups.set(game.split, make("optgroup", { label: game.split }));
-      groups.get(game.split).append(make("option", { value: i, textContent: game.name }));
+      groups.get(game.split).append(make("option", { value: i, textContent: names[i] }));
     });
     byId("game").replaceChildren(...groups.values());
   }
@@ -101,7 +102,7 @@ class PlayPage {
     if (byId("status").textContent === NOBODY) byId("status").textContent = "";
     if (name === "compare") return this.compare();
     if (name === "edit") {
-      if (this.editor.past.length) this.editor.draw();
+      if (this.editor.opened) this.editor.draw();
       else this.editor.open(this.scene || EMPTY_SCENE());
       return undefined;
     }

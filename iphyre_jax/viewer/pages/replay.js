@@ -13,7 +13,7 @@ function startReplay(data) {
   const plays = data.scenes.flatMap((_, scene) => numbered(data.plays.filter((play) => play.scene === scene)));
   const option = (value, textContent) => make("option", { value, textContent });
   const [games, left, right] = ["game", "left", "right"].map(byId);
-  games.append(...data.scenes.map((scene, i) => option(i, scene.name)));
+  games.append(...distinct(data.scenes.map((scene) => scene.name)).map((name, i) => option(i, name)));
 
   const fill = () => {
     const here = plays.flatMap((play, i) => (play.scene === Number(games.value) ? [i] : []));

@@ -48,8 +48,8 @@ class Stage {
     for (const i of bars.filter((i) => scene.dynamic[i])) drawBar(pen, theme, scene, i, show.poses[i], share(i));
     scene.ball.forEach((ball, k) => drawBall(pen, theme, ball[2], show.poses[scene.block.length + k]));
     const linked = ([i, j]) => share(i) === 1 && share(j) === 1;
-    for (const pair of (scene.joint || []).filter(linked)) drawJoint(pen, theme, ...ends(show.poses, pair));
-    for (const pair of (scene.spring || []).filter(linked)) drawSpring(pen, theme, ...ends(show.poses, pair));
+    for (const pair of (scene.joint || []).filter(linked)) drawJoint(pen, theme, ends(show.poses, pair), dotsOf(theme, scene, pair));
+    for (const pair of (scene.spring || []).filter(linked)) drawSpring(pen, theme, ends(show.poses, pair), dotsOf(theme, scene, pair));
     for (const { object, vx, vy } of show.velocities || []) drawArrow(pen, theme, show.poses[object], vx, vy);
     for (const point of show.contacts || []) drawContact(pen, theme, point);
     for (const object of show.marked || []) drawHalo(pen, scene, object, show.poses[object], theme.failed, 8, [4, 3]);
@@ -140,21 +140,26 @@ function disc(pen, x, y, radius, colour) {
   pen.fill();
 }
 
-function drawJoint(pen, theme, [ax, ay], [bx, by]) {
-  polyline(pen, theme.joint, [[ax, ay], [bx, by]]);
-  disc(pen, ax, ay, 5, theme.joint);
-  disc(pen, bx, by, 5, theme.joint);
+/** The radii of the dots at the ends of a link, px: none hides the ball that it sits on, but in the official picture. */
+function dotsOf(theme, scene, pair) {
+  const radius = (index) => (theme.outlined && scene.ball[index - scene.block.length]?.[2] / 2) || 5;
+  return pair.map((index) => Math.min(5, radius(index)));
+}
+
+function drawJoint(pen, theme, ends, dots) {
+  polyline(pen, theme.joint, ends);
+  ends.forEach(([x, y], i) => disc(pen, x, y, dots[i], theme.joint));
 }
 
 /** A zigzag in the middle 0.6 of the length, with a crest 6 px high every 0.05: as in observations/drawing.py. */
-function drawSpring(pen, theme, [ax, ay], [bx, by]) {
+function drawSpring(pen, theme, ends, dots) {
+  const [[ax, ay], [bx, by]] = ends;
   const length = Math.hypot(bx - ax, by - ay) || 1;
   const [nx, ny] = [(-(by - ay) / length) * 6, ((bx - ax) / length) * 6];
   const at = (along, across) => [ax + (bx - ax) * along + nx * across, ay + (by - ay) * along + ny * across];
   const crests = Array.from({ length: 12 }, (_, k) => at(0.225 + 0.05 * k, k % 2 ? 1 : -1));
   polyline(pen, theme.spring, [at(0, 0), at(0.2, 0), ...crests, at(0.8, 0), at(1, 0)]);
-  disc(pen, ax, ay, 5, theme.spring);
-  disc(pen, bx, by, 5, theme.spring);
+  ends.forEach(([x, y], i) => disc(pen, x, y, dots[i], theme.spring));
 }
 
 function polyline(pen, colour, points, width = 2, cap = "round") {

@@ -76,6 +76,17 @@ def test_a_diverged_plan_is_shown_with_its_stage(text: str) -> None:
     assert "nan" not in re.sub(r"<style>.*?</style>", "", text, flags=re.DOTALL).lower().split()
 
 
+def test_the_longest_of_the_counted_plays_is_told(text: str) -> None:
+    assert "sums over the first 2 s at most" in text
+
+
+def test_what_was_not_played_in_float64_is_not_said_to_agree_there() -> None:
+    plays = play_reference(SCENE, PLANS, 10, 15.0, 1)
+    same = compare_plans(plays, as_simulation(plays), SCENE.dynamic, 10)
+    results = [GameResult(SCENE, 10, "float32", PLANS, same, {})]
+    assert "float64" not in page(sections(results), results, {}).split("How to repeat")[0].split("</style>")[1]
+
+
 def test_each_part_is_there(text: str) -> None:
     parts = "Error over time", "Worst plays, 10 fps, float64", "side by side", "How to repeat", "g x (1 + 1e-6)"
     assert [words for words in parts if words not in text] == []
