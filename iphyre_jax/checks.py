@@ -202,11 +202,19 @@ def check_rows(rows: Any, count: int) -> npt.NDArray[Any]:  # noqa: ANN401
 
 
 def check_plans(plans: Any, blocks: int, most: int | None = None) -> npt.NDArray[np.float64]:  # noqa: ANN401
-    """Return plans (N, blocks) in seconds, or with up to `most` columns; ValueError in one line for another shape."""
-    times = np.asarray(plans, np.float64)
+    """Return plans (N, blocks) in seconds, or with up to `most` columns; ValueError in one line for anything else."""
+    times = as_floats("plans", plans, "seconds")
     if times.ndim != 2 or not blocks <= times.shape[1] <= (most or blocks):
         raise ValueError(f"plans: expected shape (N, {blocks}), a column for each block, got {times.shape}")
     return times
+
+
+def as_floats(name: str, values: Any, what: str) -> npt.NDArray[np.float64]:  # noqa: ANN401
+    """Return numbers as a float64 array; ValueError in one line that says `what` was expected for anything else."""
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected {what}, got {show(values)}") from None
 
 
 def _as_float(value: object) -> float:

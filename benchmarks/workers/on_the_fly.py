@@ -129,4 +129,6 @@ def user_loops(
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 5:
+        sys.exit("expected FPS WORLDS REPEATS GAME ..., such as 10 1024 7 hole")
     main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.argv[4:])

@@ -13,10 +13,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from iphyre_jax.analyses.figures import COLUMNS, by_split
 from iphyre_jax.analyses.orders import BlockOrder, executed_order, feasible_orders, possible_orders
 from iphyre_jax.analyses.search import CLIMBED, PAIR_STEPS, decide, search_plans
-from iphyre_jax.analyses.slack import slack_of
+from iphyre_jax.analyses.slack import MEASURED, SPREADS, slack_of, widest_plan
 from iphyre_jax.files import read_versioned, replace_text
 from iphyre_jax.kept_rows import Row, kept_row
 from iphyre_jax.paper import paper_numbers
@@ -25,7 +27,7 @@ from iphyre_jax.scenes import GAMES, load_scene
 from iphyre_jax.train.reports.report import TITLES, markdown_table
 
 SCHEMA: Final = "iphyre_jax/oracle"
-VERSION: Final = 1
+VERSION: Final = 2  # 1 had no widest plans
 RATES: Final = (60, 10)
 RESETS: Final[Mapping[int, int]] = {60: 1, 10: 2}  # as people and data sets play; as the official environments
 MOST_PLANS: Final[Mapping[int, int]] = {60: 8192, 10: 32_768}  # random plans of a game
@@ -41,6 +43,7 @@ def settings(fps: int) -> dict[str, Any]:
         "random plans": MOST_PLANS[fps],
         "plays for orders": MOST_ORDER_PLAYS[fps],
         "climb": f"{CLIMBED} plans, pairs by {PAIR_STEPS} steps",
+        "widest": f"{len(SPREADS)} rounds, {MEASURED} plans each",
         "seed": 0,
     }
 
@@ -50,6 +53,8 @@ def find(game: str, fps: int) -> Row:
     scene, resets = load_scene(game), RESETS[fps]
     tried = search_plans(scene, fps, resets, known_plans(game, fps), MOST_PLANS[fps], 0)
     plan, reward, success, steps = decide(tried)
+    proofs = feasible_orders(tried, MOST_ORDER_PLAYS[fps], 0)
+    widest = widest_plan(scene, np.array(list(proofs.values())), fps, resets, 0) if proofs else None
     return {
         "game": game,
         "solved": success,
@@ -58,12 +63,11 @@ def find(game: str, fps: int) -> Row:
         "plan": plan.tolist(),
         "order": list(executed_order(plan, steps)),
         "slack": slack_of(scene, plan, fps, resets) if success else None,
+        "widest_plan": None if widest is None else widest.tolist(),
+        "widest_slack": None if widest is None else slack_of(scene, widest, fps, resets),
         "plays": len(tried.plans),
         "enumerated": tried.enumerated,
-        "orders": [
-            {"order": list(order), "plan": proof.tolist()}
-            for order, proof in feasible_orders(tried, MOST_ORDER_PLAYS[fps], 0).items()
-        ],
+        "orders": [{"order": list(order), "plan": proof.tolist()} for order, proof in proofs.items()],
     }
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import MAX_SEED, check_dtype, check_option, check_resets, check_whole, show, whole_fps
+from iphyre_jax.checks import MAX_SEED, as_floats, check_dtype, check_option, check_resets, check_whole, show, whole_fps
 from iphyre_jax.plans import plan_to_steps
 from iphyre_jax.rules import DECISIONS_PER_SECOND
 from iphyre_jax.scenes import GAMES, Scene, SceneLike, load_scenes
@@ -128,10 +128,13 @@ class _Run:
 
     def propose(self, count: int) -> Floats:
         """Ask the agent for plans, (count, S) s."""
-        times = np.asarray(self._agent(self.scene, count, self._rng, tuple(self.past)), np.float64)
         shape = (count, len(self.scene.eliminable_blocks))
+        wanted = f"plans of shape {shape} for {self.scene.name}"
+        times = as_floats("agent", self._agent(self.scene, count, self._rng, tuple(self.past)), wanted)
         if times.shape != shape:
-            raise ValueError(f"agent: expected plans of shape {shape} for {self.scene.name}, got {times.shape}")
+            raise ValueError(f"agent: expected {wanted}, got {times.shape}")
+        if not (np.isnan(times) | (np.isfinite(times) & (times >= 0))).all():
+            raise ValueError(f"agent: expected times from 0 on, or NaN, for {self.scene.name}, got others")
         return times
 
 

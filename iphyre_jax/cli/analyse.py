@@ -207,7 +207,7 @@ def _shipped() -> dict[int, dict[str, Row]]:
 DOCUMENTS: Final[dict[What, Callable[[Analyse, Console], str]]] = {
     "oracle": _oracle,
     "difficulty": _difficulty,
-    "slack": lambda command, console: slack.document(_shipped(), policies()),
+    "slack": lambda command, console: slack.document(_shipped(), policies(), people.success_rates()),
     "failures": lambda command, console: failures.document(policies(), _shipped()),
     "people": lambda command, console: people.document(),
     "within-template": lambda command, console: tables.within_template_document(seeds.published(command.runs)),

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.checks import show
+from iphyre_jax.checks import as_floats, show
 from iphyre_jax.data.dataset import Dataset, scene_entry
 from iphyre_jax.data.draws import Plan, neighbours, random_plans
 from iphyre_jax.data.journal import Journal, Report, journal_in
@@ -148,10 +148,7 @@ def _with_slots(plans: Iterator[Plan], scene: Scene) -> Iterator[Plan]:
     """Yield plans; ValueError, one line, at the first that has not a time for each slot, or one for no block."""
     slots, blocks = scene.limits.blocks, len(scene.eliminable_blocks)
     for plan in plans:
-        try:
-            times = np.asarray(plan, np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"policy: expected plans of {slots} times, got {show(plan)}") from None
+        times = as_floats("policy", plan, f"plans of {slots} times")
         if times.shape != (slots,):
             raise ValueError(f"policy: expected plans of {slots} times, got one of shape {times.shape}")
         # A data set keeps float32: none may become infinite there, or 0, which removes nothing.

@@ -42,10 +42,9 @@ Floats = npt.NDArray[np.floating]
 def font(size: int, *, ascii_only: bool = True) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     """Return the font that comes with Pillow, or for more letters than ASCII matplotlib's, if it is installed."""
     found = None if ascii_only else find_spec("matplotlib")
-    file = (
-        Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf" if found and found.origin else None
-    )
-    return ImageFont.truetype(file, size) if file and file.is_file() else ImageFont.load_default(size)
+    if found is None or found.origin is None:
+        return ImageFont.load_default(size)
+    return ImageFont.truetype(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf", size)
 
 
 def blend(colour: Colour, background: Colour, opacity: float) -> Colour:
@@ -107,16 +106,14 @@ class Painter:
         for i in range(scene.n_blocks, scene.n_objects):
             self._ball(pen, i, poses[i])
         # A dot never hides the ball that it sits on, but where the picture is the official one.
-        dots = [drawing.LINK_DOT] * scene.n_blocks
-        dots += [
-            min(drawing.LINK_DOT, radius / 2) if self.theme.outlined else drawing.LINK_DOT
-            for radius in scene.balls[:, 2]
-        ]
+        dots = np.full(scene.n_objects, drawing.LINK_DOT)
+        if self.theme.outlined:
+            dots[scene.n_blocks :] = np.minimum(drawing.LINK_DOT, scene.balls[:, 2] / 2)
         joints, springs = (scene.joints, self.theme.joint, False), (scene.springs, self.theme.spring, True)
         for pairs, colour, coiled in (joints, springs):
             for i, j in pairs:
                 if present[i] and present[j]:
-                    self._link(pen, poses[[i, j], :2], (dots[i], dots[j]), colour, coiled=coiled)
+                    self._link(pen, poses[[i, j], :2], dots[[i, j]], colour, coiled=coiled)
         return image.reduce(SUPERSAMPLING)
 
     def _static_layer(self, present: tuple[bool, ...]) -> Image.Image:
@@ -174,10 +171,8 @@ class Painter:
         width = 2 if radius > drawing.THICK_FROM or self.theme.outlined else 1
         pen.line([self._pixel(*here[0]), self._pixel(*tip)], self.theme.spoke, max(1, round(width * self._scale)))
 
-    def _link(
-        self, pen: ImageDraw.ImageDraw, ends: Floats, dots: tuple[float, float], colour: Colour, *, coiled: bool
-    ) -> None:
-        """Draw a joint as a line, a spring as a zigzag, both with dots at their ends, (2, 2); dots: radii, px."""
+    def _link(self, pen: ImageDraw.ImageDraw, ends: Floats, dots: Floats, colour: Colour, *, coiled: bool) -> None:
+        """Draw a joint as a line, a spring as a zigzag, both with dots at their ends (2, 2); dots: radii (2,), px."""
         first, last = ends
         width = max(1, round((2 if self.theme.outlined else 1) * self._scale))
         points = _zigzag(first, last) if coiled else [(first[0], first[1]), (last[0], last[1])]

@@ -20,6 +20,9 @@ def test_shipped_data_is_whole_and_agrees_with_itself(fps: int) -> None:
             assert row["reward"] == pytest.approx(1000 - 10 * len(row["order"]) - row["seconds"])
             assert tuple(row["order"]) in oracle.orders_of(row)
             assert [width is not None for width in row["slack"]] == [step >= 0 for step in row["plan"]]
+            assert [width is not None for width in row["widest_slack"]] == [step >= 0 for step in row["widest_plan"]]
+            widest, best = slack.least_slack(row["widest_slack"]), slack.least_slack(row["slack"])
+            assert widest is None if () in oracle.orders_of(row) else widest >= best
         assert oracle.orders_of(row) <= set(possible_orders(blocks))
         for found in row["orders"]:
             assert executed_order(np.array(found["plan"]), 15 * fps) == tuple(found["order"])
@@ -42,9 +45,9 @@ def test_export_is_what_is_read(tmp_path: Path) -> None:
 
 
 def test_smallest_slack() -> None:
-    assert slack.least_slack({"slack": [0.5, None, 0.2]}) == 0.2
-    assert slack.least_slack({"slack": [None]}) is None
-    assert slack.least_slack({"slack": None}) is None
+    assert slack.least_slack([0.5, None, 0.2]) == 0.2
+    assert slack.least_slack([None]) is None
+    assert slack.least_slack(None) is None
 
 
 def test_games_of_like_slack_are_of_one_range() -> None:

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -70,6 +71,20 @@ def test_doing_nothing_and_wrong_shapes() -> None:
     assert found.reward.tolist() == [[[-15.0, -15.0]]]
     with pytest.raises(ValueError, match=r"^agent: expected plans of shape \(2, 2\) for support, got \(2, 3\)$"):
         attempts(lambda scene, k, rng, past: np.zeros((2, 3)), 2, games=[GAME])
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ("first the left one", "plans of shape (1, 2) for support, got 'first the left one'"),
+        ([["soon", 1.0]], "plans of shape (1, 2) for support, got a list of 1"),
+        ([[-1.0, 2.0]], "times from 0 on, or NaN, for support, got others"),
+        ([[np.inf, 2.0]], "times from 0 on, or NaN, for support, got others"),
+    ],
+)
+def test_an_agent_that_answers_something_else_is_named(answer: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=rf"^agent: expected {re.escape(message)}$"):
+        attempts(lambda *_: answer, 1, games=[GAME])
 
 
 @pytest.mark.parametrize(

@@ -220,6 +220,7 @@ def test_a_game_waits_while_another_part_of_the_page_is_shown(page: Page, tmp_pa
     with opened(page, tmp_path):
         page.click("[data-mode=compare]")
         page.wait_for_selector("#deck canvas[data-frame]")
+        assert page.is_visible("#left")
         page.click("[data-mode=play]")
         page.select_option("#game", label="unseen_support")
         page.wait_for_selector("html[data-ready=unseen_support]", timeout=60_000)
@@ -229,6 +230,8 @@ def test_a_game_waits_while_another_part_of_the_page_is_shown(page: Page, tmp_pa
         page.click("[data-mode=compare]")
         until(page, "document.getElementById('status').textContent === 'Nobody has played this scene yet'")
         assert not page.locator("#deck figure").count()  # those of the game before have gone
+        assert page.is_hidden("#left")
+        assert page.is_hidden("#deck")
         left = shown_frame(page, "#board")
         page.wait_for_timeout(500)
         assert shown_frame(page, "#board") == left

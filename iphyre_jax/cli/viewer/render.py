@@ -125,10 +125,10 @@ def render(command: Render, console: Console) -> None:
             plays = [play.record() for play in chosen]
             save_picture(command.out, contact_sheet(plays, columns=command.columns, frame=frame, look=look))
         else:
-            if len(chosen) > BESIDE:
-                say(console, f"{what}: the first {BESIDE} of {len(chosen)} plays of {command.game}")
             if len({play.scene for play in chosen}) > 1:
                 raise ValueError(f"game: expected plays of one scene, got other scenes named {show(command.game)} too")
+            if len(chosen) > BESIDE:
+                say(console, f"{what}: the first {BESIDE} of {len(chosen)} plays of {command.game}")
             plays, titles = [play.record() for play in chosen[:BESIDE]], [play.agent for play in chosen[:BESIDE]]
             titles[0] = f"{command.game}: {titles[0]}"
             save(command.out, plays, look, titles, frame=frame, hold=command.hold)

@@ -230,6 +230,7 @@ class PlayPage {
     byId("left").value = mine >= 0 ? mine : other;
     byId("right").value = mine >= 0 && other >= 0 ? other : "";
     if (!this.plays.length) byId("status").textContent = NOBODY;
+    for (const part of byId("compare").children) part.hidden = !this.plays.length;
     await this.loadDeck();
     if (failed.length) throw new Error(failed.join("; "));
   }
