@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene, simulate
-from iphyre_jax.analyses.search import PAIR_STEPS, Tried, _changes, _climb, _grid, decide, neighbours
+from iphyre_jax.analyses import slack
+from iphyre_jax.analyses.search import PAIR_STEPS, Plans, Tried, _changes, _climb, _grid, decide, neighbours
 from iphyre_jax.analyses.slack import least_slack, slack_of, widest_plan
+from iphyre_jax.scenes import Scene
 
 FPS, RESETS = 10, 2
 
@@ -55,24 +57,21 @@ def test_slack_ends_where_the_game_is_no_longer_solved() -> None:
     assert slack_of(scene, np.array([8, -1]), FPS, RESETS)[1] is None
 
 
-def test_the_widest_plan_is_the_widest_of_all() -> None:
-    scene, found = load_scene("support"), np.zeros((150, 150), bool)  # steps of both removals, 1 to 149
-    for plans in _grid(2, 2, 150):
-        found[tuple(plans.T)] = simulate(scene, plans, fps=FPS, resets=RESETS, dtype="float64").success
-    together = np.repeat(np.arange(1, 150)[:, None], 2, axis=1)
-    found[tuple(together.T)] = simulate(scene, together, fps=FPS, resets=RESETS, dtype="float64").success
-    slacks = {plan: _width(found[:, plan[1]], plan[0]) for plan in zip(*np.nonzero(found), strict=True)}
-    slacks = {plan: min(width, _width(found[plan[0]], plan[1])) for plan, width in slacks.items() if plan[0] != plan[1]}
-    widest = widest_plan(scene, np.array([[8, 14], [9, 90]]), FPS, RESETS)
-    least = least_slack(slack_of(scene, widest, FPS, RESETS))
-    assert least == slacks[tuple(widest)] / FPS == max(slacks.values()) / FPS
-    assert least > least_slack(slack_of(scene, np.array([8, 14]), FPS, RESETS))
+@pytest.mark.parametrize("fps", [10, 60])
+def test_the_widest_plan_is_found_far_from_the_known_ones(fps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A game that is solved in a narrow box of steps, and in a wide diamond elsewhere: the middle of that is widest."""
 
+    def play(scene: Scene, plans: Plans, *_: object) -> tuple[None, np.ndarray, None]:
+        first, second = (plans / fps).T
+        narrow = (np.abs(first - 1.2) < 0.35) & (np.abs(second - 2.1) < 0.15)
+        return None, narrow | (np.abs(first - 7) + np.abs(second - 8.5) < 3.01), None
 
-def _width(solved: np.ndarray, step: int) -> int:
-    """Length of the stretch of solved steps around one."""
-    gaps = np.flatnonzero(~solved)
-    return int(np.append(gaps, len(solved))[np.searchsorted(gaps, step)] - gaps[np.searchsorted(gaps, step) - 1] - 1)
+    monkeypatch.setattr(slack, "play_plans_of", play)
+    scene, known = load_scene("support"), np.array([12, 21]) * fps // 10
+    assert least_slack(slack_of(scene, known, fps, RESETS)) < 0.35
+    widest = widest_plan(scene, known[None], fps, RESETS, 0)
+    assert widest.tolist() == [7 * fps, 8.5 * fps]
+    assert slack_of(scene, widest, fps, RESETS) == pytest.approx([6 + 1 / fps] * 2)
 
 
 def test_a_climb_ends_at_the_best_of_all_plans() -> None:
