@@ -178,10 +178,10 @@ def _least_of(rows: Mapping[str, Row]) -> dict[str, dict[str, float]]:
 
 
 def _games_table(rows: Mapping[str, Row]) -> str:
-    """One line a game, by the slack of its widest plan."""
+    """One line a game, by the slack of its widest plan; those without a removal last."""
     best, widest = _least_of(rows).values()
     cells = []
-    for game in sorted(widest, key=lambda game: widest[game]):
+    for game in sorted({**widest, **best}, key=lambda game: widest.get(game, np.inf)):
         removals = [str(sum(step != NEVER for step in rows[game][key])) for key in ("plan", "widest_plan")]
         slack = [f"{least[game]:.3f}" if game in least else "-" for least in (best, widest)]
         cells.append([game, slack[0], removals[0], slack[1], removals[1]])
