@@ -185,7 +185,7 @@ def read_columns(source: jax.Array, rows: jax.Array, width: int) -> jax.Array:
 
         def column(k: jax.Array, out: jax.Array, start: int = start, size: int = size) -> jax.Array:
             row = jax.lax.dynamic_slice(source, (rows[k], np.int32(start)), (1, size))
-            return jax.lax.dynamic_update_slice(out, row.T, (np.int32(start), k.astype(np.int32)))
+            return jax.lax.dynamic_update_slice(out, row.T, (np.int32(start), jnp.int32(k)))
 
         out = jax.lax.fori_loop(0, rows.shape[0], column, out)
     return out
@@ -204,7 +204,7 @@ def write_columns(table: jax.Array, out: jax.Array, rows: jax.Array, count: jax.
         block = table[start : start + BLOCK]
 
         def row(k: jax.Array, out: jax.Array, start: int = start, block: jax.Array = block) -> jax.Array:
-            own = jax.lax.dynamic_slice(block, (np.int32(0), k.astype(np.int32)), (block.shape[0], 1))
+            own = jax.lax.dynamic_slice(block, (np.int32(0), jnp.int32(k)), (block.shape[0], 1))
             return jax.lax.dynamic_update_slice(out, own.T, (rows[k], np.int32(start)))
 
         out = jax.lax.fori_loop(0, count, row, out)
