@@ -23,7 +23,14 @@ from benchmarks.workload import make_workload
 from iphyre_jax.checks import check_option, check_whole
 from iphyre_jax.execution.configuration import usable_cores
 from iphyre_jax.files import replace_text
-from parity.command import options_as_json, progress_bar, report_console, require_at_least, require_output
+from parity.command import (
+    options_as_json,
+    progress_bar,
+    report_console,
+    require_at_least,
+    require_once,
+    require_output,
+)
 
 NAME = "benchmarks"  # of the report's files
 MIN_SECONDS = 0.3  # of a repeat
@@ -81,9 +88,9 @@ class Options:
         games = self.games or iphyre_jax.GAMES
         for game in games:
             check_option("--games", game, iphyre_jax.GAMES)
-        for name, values in (("--games", games), ("--fps", self.fps), ("--parts", self.parts)):
-            if len(set(values)) < len(values):
-                raise ValueError(f"{name}: expected each value once, got {' '.join(map(str, values))}")
+        require_once("--games", games)
+        require_once("--fps", self.fps)
+        require_once("--parts", self.parts)
         require_output(self.out, NAME)
         changes = {"parts": ("mixture",), "fps": (10,), "repeats": 3, "plans": 256} if self.quick else {}
         without = tuple(dict.fromkeys((*self.without, *(("jax2d",) if self.quick else ()))))

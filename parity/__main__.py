@@ -19,6 +19,7 @@ from parity.command import (
     progress_bar,
     report_console,
     require_at_least,
+    require_once,
     require_output,
     require_rates,
     require_steps,
@@ -98,16 +99,16 @@ def check(options: Options) -> None:
             raise ValueError(f"--perturbations: expected numbers between -1 and 1 but not 0, got {part}")
     if not options.dtype:
         raise ValueError("--dtype: expected at least one value")
-    if len(set(options.dtype)) < len(options.dtype):
-        raise ValueError(f"--dtype: expected each type once, got {' '.join(options.dtype)}")
+    require_once("--dtype", options.dtype, "type")
     require_rates(options.fps, options.duration)
     names = scenes(options)
     if len(set(names)) < len(names):
         raise ValueError("--games, --scene: expected each scene once")
     require_output(options.out, options.name)
-    for name in names:
-        require_steps(iphyre_jax.load_scene(name), options.fps, options.duration)
-    check_names_differ("--games, --scene", [iphyre_jax.load_scene(name) for name in names])
+    loaded = [iphyre_jax.load_scene(name) for name in names]
+    for scene in loaded:
+        require_steps(scene, options.fps, options.duration)
+    check_names_differ("--games, --scene", loaded)
 
 
 def tasks_of(options: Options) -> list[Task]:

@@ -30,6 +30,12 @@ def require_at_least(options: object, **least: int) -> None:
         check_whole(f"--{name}", getattr(options, name), value, _MOST.get(name))
 
 
+def require_once(name: str, values: Sequence[str] | Sequence[int], what: str = "value") -> None:
+    """Check that no value of an option is there twice; ValueError in one line."""
+    if len(set(values)) < len(values):
+        raise ValueError(f"{name}: expected each {what} once, got {' '.join(map(str, values))}")
+
+
 def require_rates(fps: Sequence[int], duration: float) -> None:
     """Check the rates of a comparison and the seconds of a play.
 

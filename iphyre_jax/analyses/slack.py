@@ -38,12 +38,19 @@ def slack_of(scene: Scene, plan: npt.NDArray[np.int64], fps: int, resets: int) -
         fps: physics steps a second.
         resets: number of the reset.
     """
-    widths = (_Search(scene, fps, resets).sides(plan[None])[0].sum(axis=1) + 1) / fps
-    return [None if step == NEVER else width for step, width in zip(plan.tolist(), widths.tolist(), strict=True)]
+    return _seconds(plan, _Search(scene, fps, resets).sides(plan[None])[0], fps)
 
 
-def widest_plan(scene: Scene, plans: Plans, fps: int, resets: int, seed: int) -> npt.NDArray[np.int64]:
-    """Return the plan (S,) with the largest smallest slack that is found, starting from plans that solve the game.
+def _seconds(plan: npt.NDArray[np.int64], sides: npt.NDArray[np.int64], fps: int) -> list[float | None]:
+    """Return the widths of a plan's intervals, s, of how many steps sooner and later each removal may come, (S, 2)."""
+    widths = ((sides.sum(axis=1) + 1) / fps).tolist()
+    return [None if step == NEVER else width for step, width in zip(plan.tolist(), widths, strict=True)]
+
+
+def widest_plan(
+    scene: Scene, plans: Plans, fps: int, resets: int, seed: int
+) -> tuple[npt.NDArray[np.int64], list[float | None]]:
+    """Return the plan (S,) with the largest smallest slack found, from plans that solve the game, and its `slack_of`.
 
     First plans near those with most slack are measured, in tenths of a second; then removals move to the middle of
     their intervals, as long as that finds more. Of equal plans the first counts. All plays are float64.
@@ -67,7 +74,7 @@ def widest_plan(scene: Scene, plans: Plans, fps: int, resets: int, seed: int) ->
         least = found
         moved = exact.solved(_to_middle(kept, sides))
         kept, sides = _widest(np.concatenate([kept, moved]), np.concatenate([sides, exact.sides(moved)]))
-    return kept[0]
+    return kept[0], _seconds(kept[0], sides[0], fps)
 
 
 @dataclass(frozen=True)

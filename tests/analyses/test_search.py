@@ -69,9 +69,9 @@ def test_the_widest_plan_is_found_far_from_the_known_ones(fps: int, monkeypatch:
     monkeypatch.setattr(slack, "play_plans_of", play)
     scene, known = load_scene("support"), np.array([12, 21]) * fps // 10
     assert least_slack(slack_of(scene, known, fps, RESETS)) < 0.35
-    widest = widest_plan(scene, known[None], fps, RESETS, 0)
+    widest, widths = widest_plan(scene, known[None], fps, RESETS, 0)
     assert widest.tolist() == [7 * fps, 8.5 * fps]
-    assert slack_of(scene, widest, fps, RESETS) == pytest.approx([6 + 1 / fps] * 2)
+    assert slack_of(scene, widest, fps, RESETS) == widths == pytest.approx([6 + 1 / fps] * 2)
 
 
 def test_a_climb_ends_at_the_best_of_all_plans() -> None:

@@ -26,6 +26,18 @@ def edit(page: Page) -> None:
     until(page, VALID)
 
 
+def asked(page: Page) -> list[str]:
+    """Stay on the page whenever it asks; return what it asks from now on."""
+    said: list[str] = []
+
+    def stay(dialog: Dialog) -> None:
+        said.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", stay)
+    return said
+
+
 def test_the_file_is_the_scene_that_is_drawn(browser: Browser, tmp_path: Path) -> None:
     with tab(browser, tmp_path) as page:
         edit(page)
@@ -52,13 +64,7 @@ def test_the_file_is_the_scene_that_is_drawn(browser: Browser, tmp_path: Path) -
 
 def test_a_drawing_is_not_lost_with_the_server(browser: Browser, tmp_path: Path) -> None:
     with tab(browser, tmp_path) as page:
-        said: list[str] = []
-
-        def stay(dialog: Dialog) -> None:
-            said.append(dialog.type)
-            dialog.dismiss()
-
-        page.on("dialog", stay)
+        said = asked(page)
         edit(page)
         page.route("**/api/check", lambda route: route.abort())
         x, y = _middle(page)
@@ -92,13 +98,7 @@ def test_what_was_undone_comes_back_from_another_tab(browser: Browser, tmp_path:
 def test_a_drawing_that_another_scene_replaced_is_asked_for(browser: Browser, tmp_path: Path) -> None:
     """Undo would bring it back, and a new page would not."""
     with tab(browser, tmp_path) as page:
-        said: list[str] = []
-
-        def stay(dialog: Dialog) -> None:
-            said.append(dialog.type)
-            dialog.dismiss()
-
-        page.on("dialog", stay)
+        said = asked(page)
         edit(page)
         x, y = _middle(page)
         drag(page, (x, y), (x, y - 100))

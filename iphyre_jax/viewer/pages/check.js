@@ -30,9 +30,9 @@ function drawMessages(pen, theme, answer, scene) {
     const width = Math.max(...parts.map((part) => pen.measureText(part).width));
     const x = here ? Math.min(Math.max(8, poses[object][0] - width / 2), SIDE - width - 12) : 8;
     const height = 17 * parts.length;
-    const free = (top) => taken.find(([l, t, r, b]) => x < r && x + width > l && top < b && top + height > t);
+    const coveredBy = (top) => taken.find(([l, t, r, b]) => x < r && x + width > l && top < b && top + height > t);
     let y = here ? Math.min(Math.max(16, poses[object][1] + 34), SIDE - height) : corner;
-    for (let other; (other = free(y - 9)); ) y = other[3] + 9;
+    for (let other; (other = coveredBy(y - 9)); ) y = other[3] + 9;
     taken.push([x, y - 9, x + width, y - 9 + height]);
     for (const part of parts) {
       pen.globalAlpha = 0.9;
