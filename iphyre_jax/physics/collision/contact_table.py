@@ -79,7 +79,7 @@ class ContactBuffer:
     def empty(cls, slots: int, like: jax.Array) -> ContactBuffer:
         """Return a buffer without points; like: a number of one lane each."""
         whole = jnp.zeros((slots, *like.shape), jnp.int32)
-        return cls(whole + KEY_NONE, whole - 1, (whole.astype(like.dtype),) * POINT_WIDTH, jnp.zeros_like(whole[0]))
+        return cls(whole, whole, (lanes.blank(whole, like.dtype),) * POINT_WIDTH, jnp.zeros_like(whole[0]))
 
     def append(self, key: jax.Array, tag: jax.Array, numbers: list[jax.Array]) -> ContactBuffer:
         """Give a point the next free slot of its lane, unless its key is KEY_NONE; beyond the last only count it."""
@@ -87,27 +87,30 @@ class ContactBuffer:
         slot = lanes.materialize(lambda: jnp.where(touching, self.total, -1))
         here = lanes.iota(self.key.shape[0], key) == slot[None]
         old = (self.key, self.tag, *self.numbers)
-        rows = [jnp.where(here, new[None], kept) for new, kept in zip((key, tag, *numbers), old, strict=True)]
+        rows = [lanes.fill(kept, here, new[None]) for new, kept in zip((key, tag, *numbers), old, strict=True)]
         return ContactBuffer(rows[0], rows[1], tuple(rows[2:]), self.total + touching.astype(jnp.int32))
 
     def in_order(self) -> ContactTable:
         """Return the points in the order of their keys."""
         size = self.key.shape[0]
         num_active = jnp.minimum(jnp.max(self.total), size)
-        rank = lanes.visit(
-            self.key,
-            num_active,
-            lambda _, key, rank: rank + (key[None] < self.key).astype(jnp.int32),
-            jnp.zeros_like(self.key),
-        )
         index = lanes.iota(size, self.total)
+        in_use = index < self.total[None]
+        own = jnp.where(in_use, self.key, KEY_NONE)
+        rank = lanes.visit(
+            own,
+            num_active,
+            lambda _, key, rank: rank + (key[None] < own).astype(jnp.int32),
+            jnp.zeros_like(own),
+        )
 
         def put(_: jax.Array, row: tuple[jax.Array, ContactTable], table: ContactTable) -> ContactTable:
             rank, point = row
             here = index == rank[None]
-            tag = jnp.where(here, point.tag[None], table.tag)
-            return ContactTable(tag, jnp.where(here[:, None], point.numbers[None], table.numbers))
+            tag = lanes.fill(table.tag, here, point.tag[None])
+            return ContactTable(tag, lanes.fill(table.numbers, here[:, None], point.numbers[None]))
 
         numbers = lanes.stack(self.numbers, axis=1)
-        empty = ContactTable(jnp.full_like(self.tag, -1), jnp.zeros_like(numbers))
-        return lanes.visit((rank, ContactTable(self.tag, numbers)), num_active, put, empty)
+        empty = ContactTable(jnp.zeros_like(self.tag), lanes.blank(numbers, numbers.dtype))
+        table = lanes.visit((rank, ContactTable(self.tag, numbers)), num_active, put, empty)
+        return ContactTable(jnp.where(in_use, table.tag, -1), jnp.where(in_use[:, None], table.numbers, 0))
