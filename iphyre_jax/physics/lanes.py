@@ -89,32 +89,21 @@ def iota(n: int, like: jax.Array) -> jax.Array:
     return jnp.arange(n, dtype=jnp.int32).reshape(n, *(1,) * like.ndim)
 
 
-def any_lane(*parts: jax.Array) -> tuple[jax.Array, ...]:
+def any_lane(flags: jax.Array) -> tuple[jax.Array, ...]:
     """Return for each row of (P, *lanes) flags whether any lane has it set, as words of 32 bits, () uint32 each.
 
     One OR-reduction over integers is much faster on a CPU than P reductions over booleans. A GPU's kernels keep rows
     apart, and reduce each of them (`execution/gpu/row_by_row`).
-
-    Args:
-        parts: the flags, one array after the other.
     """
+    words = []
     if jax.default_backend() != "cpu":
-        parts = tuple(jnp.any(part, axis=tuple(range(1, part.ndim))) for part in parts)
-    words = [jnp.uint32(0)] * -(-sum(part.shape[0] for part in parts) // WORD)
-    row = 0
-    for part in parts:
-        end = row + part.shape[0]
-        while row < end:
-            word, bit = divmod(row, WORD)
-            count = min(end - row, WORD - bit)
-            start = part.shape[0] - (end - row)
-            bits = np.left_shift(np.uint32(1), np.arange(bit, bit + count, dtype=np.uint32))
-            flags = part[start : start + count]
-            packed = jnp.where(flags, bits.reshape(-1, *(1,) * (part.ndim - 1)), np.uint32(0))
-            packed = jnp.sum(packed, axis=0, dtype=jnp.uint32)
-            found = jax.lax.reduce(packed, np.uint32(0), jax.lax.bitwise_or, tuple(range(packed.ndim)))
-            words[word] = words[word] | found
-            row += count
+        flags = jnp.any(flags, axis=tuple(range(1, flags.ndim)))
+    for start in range(0, flags.shape[0], WORD):
+        part = flags[start : start + WORD]
+        bits = np.left_shift(np.uint32(1), np.arange(part.shape[0], dtype=np.uint32))
+        bits = bits.reshape(-1, *(1,) * (part.ndim - 1))
+        packed = jnp.sum(jnp.where(part, bits, np.uint32(0)), axis=0, dtype=jnp.uint32)
+        words.append(jax.lax.reduce(packed, np.uint32(0), jax.lax.bitwise_or, tuple(range(packed.ndim))))
     return tuple(words)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from iphyre_jax import load_scene
-from iphyre_jax.physics import lanes, solver
+from iphyre_jax.physics import lanes, solver, tables
 from iphyre_jax.physics.collision import broad_phase, contacts
 from iphyre_jax.physics.order_keys import STATIC_RANKS, OrderKeyLayout
 from iphyre_jax.scenes import compile as scene_compiler
@@ -36,9 +36,9 @@ def roles_fixed(patch: pytest.MonkeyPatch) -> None:
     """The body of the lower index is always a: the two points of two bars come in one fixed order."""
     right = contacts._key
 
-    def key(info: contacts.PairInfo, index: int | None, point: Any) -> jax.Array:
-        always = jnp.ones_like(info.key, bool)
-        return right(info if index is None else replace(info, first_is_a=always), index, point)
+    def key(info: jax.Array, index: int | None, point: Any) -> jax.Array:
+        fixed = info if index is None else info.at[tables.PAIR_FIRST_IS_A].set(1)
+        return right(fixed, index, point)
 
     patch.setattr(contacts, "_key", key)
     patch.setattr(views, "_second_is_a", lambda *_: False)  # as such a solver would have it

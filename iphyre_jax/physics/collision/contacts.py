@@ -8,7 +8,7 @@ are put in order by their keys (see `broad_phase.order`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -28,6 +28,7 @@ from iphyre_jax.physics.collision.contact_table import (
 )
 from iphyre_jax.physics.collision.narrow_phase import ManifoldPoint, circle_circle, circle_segment, segment_segment
 from iphyre_jax.physics.collision.shapes import Ball, Bar, Shapes
+from iphyre_jax.physics.tables import PAIR_FIRST_IS_A, PAIR_KEY, PAIR_POINT_CLASS
 from iphyre_jax.physics.types import Box, BroadPhase, Segment, Topology, World
 
 
@@ -39,16 +40,6 @@ class Manifold(NamedTuple):
     gjk_end: jax.Array | None = None  # int32, the side at which the search ended, if there was one
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class PairInfo:
-    """What the loop over candidates reads of a pair, or of all pairs of a type, one row a pair."""
-
-    key: jax.Array  # int32, order key, KEY_NONE for a pair that is no candidate
-    first_is_a: jax.Array | None = None  # bool, of two balls or two bars: whether the first has role a
-    point_class: tuple[jax.Array, ...] = ()  # four of int32, of two bars: the class of each point id
-
-
 @dataclass(frozen=True)
 class PairType:
     """Ball and bar, two balls, or two bars: the candidates, and how to find their contact points."""
@@ -56,9 +47,9 @@ class PairType:
     pairs: tuple[tuple[int, int], ...]  # rows of the two tables
     bodies: tuple[tuple[int, int], ...]  # moving body, or STATIC_BODY
     first_id: int
-    info: PairInfo  # (pairs,) rows
+    info: jax.Array  # (pairs, columns) int32, see `tables.PAIR_KEY` and those after it
     tables: tuple[jax.Array, jax.Array]  # two arrays: two rows of one array would be read in one loop, of scalar code
-    manifold: Callable[[jax.Array, jax.Array, PairInfo, jax.Array | None], Manifold]  # of rows: tables, info, start
+    manifold: Callable[[jax.Array, jax.Array, jax.Array, jax.Array | None], Manifold]  # of rows: tables, info, start
     two_bars: bool = False  # two points, each with an id
     uses_gjk: bool = False
 
@@ -91,21 +82,20 @@ def collide(
 def _ball_bar(topology: Topology, shape: Shapes, order: broad_phase.OrderKeys) -> PairType:
     m, pairs = topology.bars, topology.ball_bar_pairs
 
-    def manifold(ball_row: jax.Array, bar_row: jax.Array, _: PairInfo, __: jax.Array | None) -> Manifold:
+    def manifold(ball_row: jax.Array, bar_row: jax.Array, *_: jax.Array | None) -> Manifold:
         ball, bar = shapes.ball(ball_row), shapes.bar(bar_row)
         frame = _frame(ball, bar)
         return Manifold(frame, (circle_segment(frame.first, ball.radius, _second_segment(bar, frame)),))
 
-    def keys() -> jax.Array:
+    def columns() -> list[jax.Array]:
         keys = []
         for ball in range(topology.balls):
             near = broad_phase.overlap(_slice(shape.ball_box, ball, ball + 1), shape.bar_box) & shape.alive
             keys.append(jnp.where(near, order.of(topology, m + ball, range(m)), KEY_NONE))
-        return jnp.concatenate(keys)
+        return [jnp.concatenate(keys)]
 
     bodies = tuple((m + i, j if j < m else STATIC_BODY) for i, j in pairs)
-    info = PairInfo(lanes.materialize(keys))
-    return PairType(pairs, bodies, 0, info, (shape.balls, shape.bars), manifold)
+    return PairType(pairs, bodies, 0, _info(columns), (shape.balls, shape.bars), manifold)
 
 
 def _ball_ball(topology: Topology, shape: Shapes, order: broad_phase.OrderKeys) -> PairType | None:
@@ -113,24 +103,23 @@ def _ball_ball(topology: Topology, shape: Shapes, order: broad_phase.OrderKeys) 
     if not pairs:
         return None
 
-    def manifold(first_row: jax.Array, second_row: jax.Array, info: PairInfo, _: jax.Array | None) -> Manifold:
+    def manifold(first_row: jax.Array, second_row: jax.Array, info: jax.Array, _: jax.Array | None) -> Manifold:
         first, second = shapes.ball(first_row), shapes.ball(second_row)
-        frame = _frame(first, second)
-        point = circle_circle(frame.first, first.radius, frame.second, second.radius, info.first_is_a)
-        return Manifold(frame, (point,))
+        frame, first_is_a = _frame(first, second), info[PAIR_FIRST_IS_A] != 0
+        return Manifold(frame, (circle_circle(frame.first, first.radius, frame.second, second.radius, first_is_a),))
 
-    def info() -> PairInfo:
+    def columns() -> list[jax.Array]:
         keys, first_is_a = [], []
         for i, j in pairs:
             pair = topology.pairs.index((m + i, m + j))
             near = broad_phase.overlap(*(_slice(shape.ball_box, k, k + 1) for k in (i, j)))
             keys.append(jnp.where(near[0], order.moving[pair], KEY_NONE))
             first_is_a.append(order.low_is_a[pair])
-        return PairInfo(jnp.stack(keys), jnp.stack(first_is_a))
+        return [jnp.stack(keys), jnp.stack(first_is_a).astype(jnp.int32)]
 
     bodies = tuple((m + i, m + j) for i, j in pairs)
     first_id = len(topology.ball_bar_pairs)
-    return PairType(pairs, bodies, first_id, lanes.materialize(info), (shape.balls[:-1], shape.balls), manifold)
+    return PairType(pairs, bodies, first_id, _info(columns), (shape.balls[:-1], shape.balls), manifold)
 
 
 def _bar_bar(
@@ -140,25 +129,33 @@ def _bar_bar(
     if not pairs:
         return None
 
-    def manifold(first_row: jax.Array, second_row: jax.Array, info: PairInfo, start: jax.Array | None) -> Manifold:
+    def manifold(first_row: jax.Array, second_row: jax.Array, info: jax.Array, start: jax.Array | None) -> Manifold:
         first, second = shapes.bar(first_row), shapes.bar(second_row)
         frame = _frame(first, second)
         segment = _second_segment(second, frame)
-        return Manifold(frame, *segment_segment(first.segment, segment, info.first_is_a, start))
+        return Manifold(frame, *segment_segment(first.segment, segment, info[PAIR_FIRST_IS_A] != 0, start))
 
-    def info() -> PairInfo:
+    def columns() -> list[jax.Array]:
         keys = []
         for bar in range(m):
             others = range(bar + 1, m)
             near = broad_phase.overlap(_slice(shape.bar_box, bar, bar + 1), _slice(shape.bar_box, bar + 1, None))
             keys.append(jnp.where(near & shape.alive[bar + 1 :], order.of(topology, bar, others), KEY_NONE))
-        return PairInfo(jnp.concatenate(keys), _of_bar_pairs(topology, order.low_is_a, broad.updated))
+        return [jnp.concatenate(keys), _of_bar_pairs(topology, order.low_is_a, broad.updated).astype(jnp.int32)]
 
+    classes = jnp.broadcast_to(world.point_class, (4, len(pairs), *shape.alive.shape[1:]))
     bodies = tuple((i, j if j < m else STATIC_BODY) for i, j in pairs)
-    first_id = len(topology.ball_bar_pairs) + len(topology.ball_pairs)
-    own = replace(lanes.materialize(info), point_class=tuple(jnp.asarray(world.point_class)))
+    first_id, packed = len(topology.ball_bar_pairs) + len(topology.ball_pairs), _info(columns, *classes)
     tables = (shape.bars[:m], shape.bars)
-    return PairType(pairs, bodies, first_id, own, tables, manifold, two_bars=True, uses_gjk=world.exact)
+    return PairType(pairs, bodies, first_id, packed, tables, manifold, two_bars=True, uses_gjk=world.exact)
+
+
+def _info(columns: Callable[[], list[jax.Array]], *more: jax.Array) -> jax.Array:
+    """Return columns and more of them as one table.
+
+    The columns are in memory first: put together in the same loop, they would be scalar code.
+    """
+    return lanes.stack([*lanes.materialize(columns), *more], axis=1)
 
 
 def _of_bar_pairs(topology: Topology, of_moving: Sequence[jax.Array], of_body: jax.Array) -> jax.Array:
@@ -217,7 +214,7 @@ def _visit(pair_type: PairType, found: ContactBuffer, gjk_start: jax.Array) -> t
         start = lanes.read(gjk_start, candidate.pair) if pair_type.uses_gjk else None
         frame, points, end = pair_type.manifold(one, two, info, start)
         if start is not None and end is not None:
-            gjk_start = lanes.write(gjk_start, candidate.pair, jnp.where(info.key == KEY_NONE, start, end))
+            gjk_start = lanes.write(gjk_start, candidate.pair, jnp.where(info[PAIR_KEY] == KEY_NONE, start, end))
 
         def rows() -> list[tuple[jax.Array, jax.Array, list[jax.Array]]]:
             out = []
@@ -231,23 +228,21 @@ def _visit(pair_type: PairType, found: ContactBuffer, gjk_start: jax.Array) -> t
             found = found.append(*row)
         return *next_candidate(words), found, gjk_start
 
-    # Where the parts of a table are put together, looking at all of it would be scalar code.
-    near = jnp.split(pair_type.info.key != KEY_NONE, np.flatnonzero(np.diff(first)) + 1)
-    start = next_candidate(lanes.any_lane(*near))
+    start = next_candidate(lanes.any_lane(pair_type.info[:, PAIR_KEY] != KEY_NONE))
     return jax.lax.while_loop(lambda loop: loop[0].pair < len(pair_type.pairs), body, (*start, found, gjk_start))[2:]
 
 
-def _key(info: PairInfo, index: int | None, point: ManifoldPoint) -> jax.Array:
+def _key(info: jax.Array, index: int | None, point: ManifoldPoint) -> jax.Array:
     """Return the order key of a point, KEY_NONE if it does not touch.
 
     index: of two bars, 0 for the first point, 1 for the second; the first point of role a comes first.
     """
-    key = info.key
+    key = info[PAIR_KEY]
     if index is not None:
-        key = key | jnp.where(info.first_is_a, index, 1 - index)
-    return jnp.where(point.touching & (info.key != KEY_NONE), key, KEY_NONE)
+        key = key | jnp.where(info[PAIR_FIRST_IS_A] != 0, index, 1 - index)
+    return jnp.where(point.touching & (info[PAIR_KEY] != KEY_NONE), key, KEY_NONE)
 
 
-def _id_class(info: PairInfo, point: ManifoldPoint) -> jax.Array:
+def _id_class(info: jax.Array, point: ManifoldPoint) -> jax.Array:
     """Return the id of a point of two bars, or the lower one that the reference cannot tell from it."""
-    return lanes.pick(info.point_class, point.id)
+    return lanes.pick([info[PAIR_POINT_CLASS + k] for k in range(4)], point.id)
