@@ -115,18 +115,26 @@ def _move_leaves(
     """Remove and insert the bodies that left their boxes, one after another in leaf order; return (path, depth)."""
     n, like = topology.moving, outside[0]
     index = lanes.iota(n, like)
+    place = sum(jnp.where(index == world.leaf_order[q], q, 0) for q in range(n))  # of each body in that order
+    Loop = tuple[jax.Array, tuple[jax.Array, ...], jax.Array, jax.Array]
 
-    def move(q: jax.Array, carry: tuple[Box, jax.Array, jax.Array]) -> tuple[Box, jax.Array, jax.Array]:
-        boxes, path, depth = carry
-        me = index == jnp.expand_dims(lanes.read(world.leaf_order, q), 0)
+    def move(loop: Loop) -> Loop:
+        turn, words, path, depth = loop
+        me = place == turn
         moved = jnp.any(me & outside, axis=0, keepdims=True)
-        boxes = jax.tree.map(lambda new, old: jnp.where(me & moved, new, old), fat, boxes)
+        boxes = jax.tree.map(lambda new, old: jnp.where(outside & (place <= turn), new, old), fat, broad.fat)
         removed = lanes.materialize(lambda: _remove(n, me, path, depth))
-        new_path, new_depth = lanes.materialize(lambda: _insert(n, me, boxes, *removed))
-        return boxes, jnp.where(moved, new_path, path), jnp.where(moved, new_depth, depth)
 
-    _, path, depth = jax.lax.fori_loop(0, n, move, (broad.fat, broad.path, broad.depth))
-    return path, depth
+        def inserted() -> tuple[jax.Array, jax.Array]:
+            new_path, new_depth = _insert(n, me, boxes, *removed)
+            return jnp.where(moved, new_path, path), jnp.where(moved, new_depth, depth)
+
+        return *lanes.take_first(words), *lanes.materialize(inserted)
+
+    # Only the turns of bodies that left their box in any lane.
+    turns = jnp.stack([jnp.any((place == q) & outside, axis=0) for q in range(n)])
+    start = *lanes.take_first(lanes.any_lane(turns)), broad.path, broad.depth
+    return jax.lax.while_loop(lambda loop: loop[0] < n, move, start)[2:]
 
 
 def _of(me: jax.Array, values: jax.Array) -> jax.Array:
