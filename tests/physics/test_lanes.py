@@ -1,4 +1,4 @@
-"""Results that are in memory before anything reads them."""
+"""Results that are in memory before anything reads them; tables that are filled place by place."""
 
 from __future__ import annotations
 
@@ -47,9 +47,10 @@ def test_it_is_a_call_on_a_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calls(jax.jit(lambda numbers: roots(numbers)).lower(NUMBERS).as_text()) == 0
 
 
-# Shapes, order keys, contacts of a kind of pair, where a contact is kept, a slot. With two kinds more, of which bars
-# have two contacts, and the separation of bars; with five bodies in a tree a removal, an insertion and three levels.
-@pytest.mark.parametrize(("game", "parts"), [("support", 5), ("multi_ball_lever", 5 + 6 + 5)])
+# Shapes, order keys, the pairs of a kind and their contacts, where a contact is kept, a slot. With two kinds more, of
+# which bars have two contacts, and the separation of bars; with five bodies in a tree a removal, an insertion and three
+# levels.
+@pytest.mark.parametrize(("game", "parts"), [("support", 6), ("multi_ball_lever", 6 + 8 + 5)])
 def test_a_step_has_its_parts(game: str, parts: int) -> None:
     topology, world = compile_scene(load_scene(game), dtype="float32")
     state, timing = physics.initial_state(topology, world), step_timing(60, "float32")
@@ -63,3 +64,24 @@ def test_the_processes_that_compile_need_no_calls() -> None:
         around = {**os.environ, "XLA_FLAGS": flags}
         done = subprocess.run([sys.executable, "-c", code], env=around, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == told
+
+
+@pytest.mark.parametrize("dtype", ["int32", "float32", "float64"])
+def test_a_filled_place_has_the_bits_of_what_fills_it(dtype: str) -> None:
+    with jax.enable_x64(dtype == "float64"):
+        kind = np.dtype(dtype)
+        ends = [np.iinfo(kind).min, np.iinfo(kind).max] if kind.kind == "i" else [-0.0, np.nan, np.inf, -np.inf, 1e-30]
+        values = np.array([0, 1, -3, *ends], kind)
+        table = lanes.blank(jnp.zeros((3, len(values)), kind))
+        for row in (2, 0):
+            table = jax.jit(lanes.fill)(table, np.arange(3)[:, None] == row, values[None])
+        table = np.asarray(table)
+        assert table.dtype == kind
+        assert table[[0, 2]].tobytes() == np.stack([values, values]).tobytes()
+        assert not table[1].any()
+
+
+def test_a_filled_place_has_a_derivative() -> None:
+    table, here = lanes.blank(jnp.zeros((2, 3), jnp.float32)), np.array([[True], [False]])
+    _, slope = jax.jvp(lambda new: lanes.fill(table, here, new), (NUMBERS[:1],), (np.full((1, 3), 2, np.float32),))
+    np.testing.assert_array_equal(slope, [[2, 2, 2], [0, 0, 0]])

@@ -115,13 +115,15 @@ def _move_leaves(
     """Remove and insert the bodies that left their boxes, one after another in leaf order; return (path, depth)."""
     n, like = topology.moving, outside[0]
     index = lanes.iota(n, like)
-    place = sum(jnp.where(index == world.leaf_order[q], q, 0) for q in range(n))  # of each body in that order
+    places = (jnp.where(index == world.leaf_order[q], q, 0) for q in range(n))
+    place = sum(places, jnp.int32(0))  # of each body in that order
     Loop = tuple[jax.Array, tuple[jax.Array, ...], jax.Array, jax.Array]
 
     def move(loop: Loop) -> Loop:
         turn, words, path, depth = loop
         me = place == turn
         moved = jnp.any(me & outside, axis=0, keepdims=True)
+        # Those that had their turn are in their new boxes.
         boxes = jax.tree.map(lambda new, old: jnp.where(outside & (place <= turn), new, old), fat, broad.fat)
         removed = lanes.materialize(lambda: _remove(n, me, path, depth))
 

@@ -68,7 +68,7 @@ class ContactTable:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ContactBuffer:
-    """Touching points in the order in which they were found."""
+    """Touching points in the order in which they were found; slots that no point has are `lanes.blank`."""
 
     key: jax.Array  # (K,) int32
     tag: jax.Array  # (K,) int32, see `ContactTable`
@@ -79,7 +79,8 @@ class ContactBuffer:
     def empty(cls, slots: int, like: jax.Array) -> ContactBuffer:
         """Return a buffer without points; like: a number of one lane each."""
         whole = jnp.zeros((slots, *like.shape), jnp.int32)
-        return cls(whole, whole, (lanes.blank(whole, like.dtype),) * POINT_WIDTH, jnp.zeros_like(whole[0]))
+        tags, numbers = lanes.blank(whole), lanes.blank(whole.astype(like.dtype))
+        return cls(tags, tags, (numbers,) * POINT_WIDTH, whole[0])
 
     def append(self, key: jax.Array, tag: jax.Array, numbers: list[jax.Array]) -> ContactBuffer:
         """Give a point the next free slot of its lane, unless its key is KEY_NONE; beyond the last only count it."""
@@ -111,6 +112,6 @@ class ContactBuffer:
             return ContactTable(tag, lanes.fill(table.numbers, here[:, None], point.numbers[None]))
 
         numbers = lanes.stack(self.numbers, axis=1)
-        empty = ContactTable(jnp.zeros_like(self.tag), lanes.blank(numbers, numbers.dtype))
+        empty = ContactTable(lanes.blank(self.tag), lanes.blank(numbers))
         table = lanes.visit((rank, ContactTable(self.tag, numbers)), num_active, put, empty)
         return ContactTable(jnp.where(in_use, table.tag, -1), jnp.where(in_use[:, None], table.numbers, 0))
