@@ -115,7 +115,7 @@ def _move_leaves(
     """Remove and insert the bodies that left their boxes, one after another in leaf order; return (path, depth)."""
     n, like = topology.moving, outside[0]
     index = lanes.iota(n, like)
-    places = (jnp.where(index == world.leaf_order[q], q, 0) for q in range(n))
+    places = (jnp.where(index == jnp.expand_dims(world.leaf_order[q], 0), q, 0) for q in range(n))
     place = sum(places, jnp.int32(0))  # of each body in that order
     Loop = tuple[jax.Array, tuple[jax.Array, ...], jax.Array, jax.Array]
 
