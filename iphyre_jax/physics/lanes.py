@@ -125,3 +125,17 @@ def take_first(words: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array
         left.append(jnp.where(here, word & (word - np.uint32(1)), word))
         open_ = open_ & (word == 0)
     return index, tuple(left)
+
+
+def visit_any(flags: jax.Array, body: Callable[[jax.Array, Carry], Carry], carry: Carry) -> Carry:
+    """Return `carry` after body(k, carry) for each row k of (P, *lanes) flags that any lane has set, in their order.
+
+    A row is found one turn ahead: in the turn that works it out, what depends on it would be scalar code.
+    """
+
+    def turn(loop: tuple[jax.Array, tuple[jax.Array, ...], Carry]) -> tuple[jax.Array, tuple[jax.Array, ...], Carry]:
+        row, words, carry = loop
+        return *take_first(words), body(row, carry)
+
+    start = *take_first(any_lane(flags)), carry
+    return jax.lax.while_loop(lambda loop: loop[0] < flags.shape[0], turn, start)[2]

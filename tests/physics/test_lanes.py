@@ -1,4 +1,4 @@
-"""Results that are in memory before anything reads them; tables that are filled place by place."""
+"""Results that are in memory before anything reads them; tables that are filled place by place; rows of any lane."""
 
 from __future__ import annotations
 
@@ -85,3 +85,17 @@ def test_a_filled_place_has_a_derivative() -> None:
     table, here = lanes.blank(jnp.zeros((2, 3), jnp.float32)), np.array([[True], [False]])
     _, slope = jax.jvp(lambda new: lanes.fill(table, here, new), (NUMBERS[:1],), (np.full((1, 3), 2, np.float32),))
     np.testing.assert_array_equal(slope, [[2, 2, 2], [0, 0, 0]])
+
+
+@pytest.mark.parametrize("rows", [[], [0], [31, 32, 69], [3, 2, 40], range(70)])
+def test_rows_that_any_lane_has_set_are_visited_in_their_order(rows: list[int]) -> None:
+    flags = np.zeros((70, 3), bool)
+    flags[list(rows), [row % 3 for row in rows]] = True
+
+    def note(row: jax.Array, carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        seen, count = carry
+        return seen.at[count].set(row), count + 1
+
+    start = jnp.full(70, -1, jnp.int32), jnp.int32(0)
+    seen, count = jax.jit(lambda flags: lanes.visit_any(flags, note, start))(flags)
+    assert seen[:count].tolist() == sorted(rows)

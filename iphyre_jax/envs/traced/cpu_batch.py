@@ -21,7 +21,7 @@ from iphyre_jax.execution.devices import LANES, cpu_lanes
 from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
 from iphyre_jax.execution.one_function import in_branch
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.physics.lanes import any_lane, any_set, read, take_first, write
+from iphyre_jax.physics.lanes import read, visit_any, write
 from iphyre_jax.physics.types import Timing, Topology
 
 # Returns work(*arguments, *in_place), see `in_one_function`.
@@ -193,10 +193,9 @@ def begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, w
         world: (lanes,) int32, row of each lane's episode.
     """
 
-    def copy(carry: tuple[tuple[jax.Array, ...], Episode]) -> tuple[tuple[jax.Array, ...], Episode]:
-        lane, left = take_first(carry[0])
+    def copy(lane: jax.Array, now: Episode) -> Episode:
         game = given.next_game[lane]
         start = read(starts, given.first_game[lane] + game)
-        return left, write(carry[1], world[lane], start.of_game(game))
+        return write(now, world[lane], start.of_game(game))
 
-    return jax.lax.while_loop(lambda carry: any_set(carry[0]), copy, (any_lane(follows), now))[1]
+    return visit_any(follows, copy, now)

@@ -117,10 +117,9 @@ def _move_leaves(
     index = lanes.iota(n, like)
     places = (jnp.where(index == jnp.expand_dims(world.leaf_order[q], 0), q, 0) for q in range(n))
     place = sum(places, jnp.int32(0))  # of each body in that order
-    Loop = tuple[jax.Array, tuple[jax.Array, ...], jax.Array, jax.Array]
 
-    def move(loop: Loop) -> Loop:
-        turn, words, path, depth = loop
+    def move(turn: jax.Array, carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        path, depth = carry
         me = place == turn
         moved = jnp.any(me & outside, axis=0, keepdims=True)
         # Those that had their turn are in their new boxes.
@@ -131,12 +130,10 @@ def _move_leaves(
             new_path, new_depth = _insert(n, me, boxes, *removed)
             return jnp.where(moved, new_path, path), jnp.where(moved, new_depth, depth)
 
-        return *lanes.take_first(words), *lanes.materialize(inserted)
+        return lanes.materialize(inserted)
 
-    # Only the turns of bodies that left their box in any lane.
     turns = jnp.stack([jnp.any((place == q) & outside, axis=0) for q in range(n)])
-    start = *lanes.take_first(lanes.any_lane(turns)), broad.path, broad.depth
-    return jax.lax.while_loop(lambda loop: loop[0] < n, move, start)[2:]
+    return lanes.visit_any(turns, move, (broad.path, broad.depth))
 
 
 def _of(me: jax.Array, values: jax.Array) -> jax.Array:
