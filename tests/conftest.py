@@ -3,8 +3,8 @@
 import gc
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +141,12 @@ def little_memory() -> Iterator[None]:
         executables._loaded.clear()
         _quick_programs.clear()
         gc.collect()
+
+
+@pytest.fixture
+def quickly() -> Callable[[], AbstractContextManager[None]]:
+    """For a part of a module of AS_FOR_USERS: `quick_engine`."""
+    return quick_engine
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import jax
@@ -83,7 +84,7 @@ class PolicyTries:
         agent = algorithm(self.config)
         assert isinstance(agent, ActorCritic)  # noqa: S101 - only its agents have the head
         obs = start_observations(self.config.strategy, self.config.observation, [scene])
-        distribution = _distribution(agent, self.state, obs)
+        distribution = distributions(agent, self.state, obs)
         greedy = agent.head.mode(distribution)
 
         def sample(count: int) -> jax.Array:
@@ -119,6 +120,12 @@ class PolicyTries:
         return steps_to_times(steps[:, : len(scene.eliminable_blocks)], self.config.fps)
 
 
+@partial(jax.jit, static_argnums=0)
+def distributions(agent: ActorCritic[Any], state: State, obs: jax.Array) -> jax.Array:
+    """A policy's distributions over raw actions, (S, ...), for observations (S, D)."""
+    return agent.distribution(state.params, obs)
+
+
 def warm_samples(
     agent: ActorCritic[Any], distribution: jax.Array, temperature: float, count: int, rng: np.random.Generator
 ) -> jax.Array:
@@ -147,6 +154,3 @@ def differs(plans: Floats, plan: Floats) -> npt.NDArray[np.bool_]:
     apart = np.abs(plans - plan)  # NaN where a block stays: never apart
     other_times = (apart > APART) & (apart > APART_SHARE * np.fmax(plans, plan))
     return np.asarray((other_blocks | other_times).any(axis=1))
-
-
-_distribution = jax.jit(lambda agent, state, obs: agent.distribution(state.params, obs), static_argnums=0)

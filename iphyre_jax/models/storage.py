@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final, Generic
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -196,7 +195,7 @@ class WeightFiles(Generic[S]):
 
     def rounded(self, params: Params) -> Params:
         """Parameters as they ship: in the dtype of the files and back."""
-        return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf, self.dtype), leaf.dtype), params)
+        return jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf, self.dtype).astype(leaf.dtype)), params)
 
     def save(self, folder: Path, model: TrainedModel[S]) -> None:
         """Write the two files of a model."""

@@ -139,7 +139,10 @@ def program_of(kind: type[Score] | type[Advance], game: str, dtype: str) -> tupl
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "game", "dtype"), [(Advance, "hole", "float64"), (Score, "fill", "float32")])
+@pytest.mark.parametrize(
+    ("kind", "game", "dtype"),
+    [(Advance, "hole", "float64"), pytest.param(Score, "fill", "float32", marks=pytest.mark.further)],
+)
 def test_worlds_in_a_kernel_end_as_on_a_cpu(
     kind: type[Score], game: str, dtype: str, gpu: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,8 +158,17 @@ def test_worlds_in_a_kernel_end_as_on_a_cpu(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [Score, Advance])
-@pytest.mark.parametrize(("game", "dtype"), [("hole", "float32"), ("seesaw", "float64"), ("spring_flick", "float32")])
+@pytest.mark.parametrize(
+    ("kind", "game", "dtype"),
+    [
+        (Score, "hole", "float32"),
+        (Score, "seesaw", "float64"),
+        (Advance, "spring_flick", "float32"),
+        pytest.param(Advance, "hole", "float32", marks=pytest.mark.further),
+        pytest.param(Advance, "seesaw", "float64", marks=pytest.mark.further),
+        pytest.param(Score, "spring_flick", "float32", marks=pytest.mark.further),
+    ],
+)
 def test_programs_become_one_kernel(kind: type[Score], game: str, dtype: str, gpu: None, kernels: None) -> None:
     with jax.enable_x64(dtype == "float64"), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from importlib.util import find_spec
 
 import numpy as np
@@ -22,15 +24,21 @@ def test_the_splits_hold_every_game() -> None:
     assert sorted(GAMES) == sorted(name for split, names in SPLITS.items() if split != "unseen_basic" for name in names)
 
 
-# Splits that share compiled programs are compared in one test, so that one process compiles each of them once.
+# Splits that share compiled programs are compared in one test, so that one process compiles each of them once. Those of
+# many bodies are compiled with few optimisations: `make parity` plays all games as users do.
 @pytest.mark.slow
-@pytest.mark.parametrize("splits", [("basic", "noisy"), ("compositional",), ("multi_ball",)])
-def test_every_game_follows_its_golden_file(splits: tuple[str, ...]) -> None:
-    comparisons = {
-        (name, plays.fps): golden.compare(load_scene(name), plays)
-        for name in (name for split in splits for name in SPLITS[split])
-        for plays in golden.read(load_scene(name))
-    }
+@pytest.mark.parametrize(
+    ("splits", "quick"), [(("basic", "noisy"), False), (("compositional",), True), (("multi_ball",), True)]
+)
+def test_every_game_follows_its_golden_file(
+    splits: tuple[str, ...], quick: bool, quickly: Callable[[], AbstractContextManager[None]]
+) -> None:
+    with quickly() if quick else nullcontext():
+        comparisons = {
+            (name, plays.fps): golden.compare(load_scene(name), plays)
+            for name in (name for split in splits for name in SPLITS[split])
+            for plays in golden.read(load_scene(name))
+        }
     for fps in golden.EVERY:
         row = summarise(f"{fps} fps", [c for (_, rate), c in comparisons.items() if rate == fps])
         errors = {name: c.error.tolist() for (name, rate), c in comparisons.items() if rate == fps and c.error.any()}

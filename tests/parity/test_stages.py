@@ -18,7 +18,7 @@ from parity.stages import compare_step, first_divergence
 # (multi_ball_hole), clashing contact ids (multi_ball_lever), a joint between moving bodies (impulse_pendulum), a spring
 # (impulse_spring).
 STAGED = (
-    ("support_hole", 60, 1),
+    pytest.param("support_hole", 60, 1, marks=pytest.mark.further),
     ("seesaw", 10, 1),
     ("noisy_fill", 10, 1),
     ("multi_ball_hole", 60, 1),

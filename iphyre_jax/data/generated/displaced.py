@@ -76,9 +76,10 @@ def _move_one(scenes: Canvas, rows: Ints, place: int, amplitude: Floats, rng: np
         moved = moved + np.concatenate([-turn, turn], axis=1)
     moved = np.round(moved, 1)
     radii = scenes.radii[rows, place, None]
-    before = scenes.gaps(rows, scenes.ends[rows, place, None], radii)[:, 0]
-    after = scenes.gaps(rows, moved[:, None], radii)[:, 0]
-    before[:, place] = after[:, place] = np.inf
+    both = np.stack([scenes.ends[rows, place], moved], axis=1)
+    gaps = scenes.gaps(rows, both, np.repeat(radii, 2, axis=1))
+    gaps[:, :, place] = np.inf
+    before, after = gaps[:, 0], gaps[:, 1]
     room = radii[:, :, None] + FRAME
     inside = ((moved >= room) & (moved <= SCREEN - room)).all(axis=(1, 2))
     fine = inside & (after >= np.minimum(before, 0.0) - TOLERANCE).all(axis=1)

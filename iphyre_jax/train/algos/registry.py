@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -45,4 +46,10 @@ def init(config: TrainConfig, key: jax.Array) -> State:
     """
     config.check()
     obs = start_observations(config.strategy, config.observation, config.training_games)
-    return algorithm(config).init(key, first_predictions(config, obs))
+    return _initial(algorithm(config), key, first_predictions(config, obs))
+
+
+@partial(jax.jit, static_argnums=0)
+def _initial(algorithm: Algorithm[Any], key: jax.Array, obs: jax.Array) -> State:
+    """One program. Without it a network of attention compiles some two hundred, one for each operation and shape."""
+    return algorithm.init(key, obs)

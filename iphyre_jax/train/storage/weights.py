@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy.typing as npt
 
 from iphyre_jax.files import file_sum
@@ -37,5 +36,6 @@ def restored(arrays: Mapping[str, npt.NDArray[Any]], like: Any, file: Path) -> A
             raise ValueError(f"{file}: {key}: {'not expected' if key in arrays else 'missing'}")
         if arrays[key].shape != expected[key].shape:
             raise ValueError(f"{file}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
-    leaves = [jnp.asarray(arrays[key], leaf.dtype) for key, leaf in expected.items()]
+    # `jnp.asarray` would compile a program for each shape.
+    leaves = [jax.device_put(arrays[key].astype(leaf.dtype)) for key, leaf in expected.items()]
     return jax.tree.unflatten(jax.tree.structure(like), leaves)

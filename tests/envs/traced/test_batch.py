@@ -76,7 +76,12 @@ def test_without_an_end_all_stays() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("names", "worlds"), [(["hole", "multi_ball_hole", "support"], 300), (["hole"], 256), (["hole"], 130)]
+    ("names", "worlds"),
+    [
+        (["hole", "multi_ball_hole", "support"], 300),
+        pytest.param(["hole"], 256, marks=pytest.mark.further),
+        (["hole"], 130),
+    ],
 )
 def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> None:
     """Episodes in several groups of lanes, a part of which end and begin anew, to the last bit."""
@@ -103,7 +108,7 @@ def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> 
 
 
 @pytest.mark.parametrize("names", [pytest.param(["hole"], marks=pytest.mark.further), ["hole", "support"]])
-@pytest.mark.parametrize("worlds", [1, 3, 128])
+@pytest.mark.parametrize("worlds", [1, pytest.param(3, marks=pytest.mark.further), 128])
 def test_a_batch_may_be_known_to_the_compiler(names: list[str], worlds: int) -> None:
     """XLA then takes loops apart, and jaxlib 0.10.2 ended the process."""
     iphyre_jax.register("known-v1", names, overwrite=True)

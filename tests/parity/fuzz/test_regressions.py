@@ -14,6 +14,8 @@ from parity.fuzz.regressions import Case, read_case, write_case
 from parity.fuzz.shrink import shrink
 from parity.play import DURATION, Task, play_ours, play_reference
 
+pytestmark = pytest.mark.usefixtures("quick_programs")  # `make parity-random` plays random scenes as users do
+
 CASES = tuple(read_case(path) for path in sorted((Path(__file__).parent / "regressions").glob("*.json")))
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
-from iphyre_jax.attempts.policy_tries import TEMPERATURE, warm_samples
+from iphyre_jax.attempts.policy_tries import TEMPERATURE, distributions, warm_samples
 from iphyre_jax.envs.in_advance import action_to_times
 from iphyre_jax.models.outcome.plays.pool import wide_plans
 from iphyre_jax.scenes import Scene
@@ -57,7 +57,7 @@ def _plans(config: TrainConfig, state: State, scenes: Sequence[Scene], count: in
     """A policy's greedy plan of each scene, and samples, (S, count, 6) s."""
     agent = algorithm(config)
     assert isinstance(agent, ActorCritic)  # noqa: S101 - only its agents have the head
-    distribution = agent.distribution(state.params, start_observations(config.strategy, config.observation, scenes))
+    distribution = distributions(agent, state, start_observations(config.strategy, config.observation, scenes))
     sampled = warm_samples(agent, distribution, TEMPERATURE, count - 1, rng).reshape(len(scenes), count - 1, -1)
     drawn = jnp.concatenate([agent.head.mode(distribution)[:, None], sampled], axis=1)
     actions = agent.head.action(drawn.reshape(len(scenes) * count, -1))
