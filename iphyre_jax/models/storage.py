@@ -195,7 +195,7 @@ class WeightFiles(Generic[S]):
 
     def rounded(self, params: Params) -> Params:
         """Parameters as they ship: in the dtype of the files and back."""
-        return jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf, self.dtype).astype(leaf.dtype)), params)
+        return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype).astype(leaf.dtype), params))
 
     def save(self, folder: Path, model: TrainedModel[S]) -> None:
         """Write the two files of a model."""

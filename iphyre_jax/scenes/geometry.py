@@ -96,7 +96,7 @@ def _distances_to_segment(lines: Floats, points: Floats) -> Floats:
     size = _dot_product(way, way)
     away = points - start[..., None, :]
     along = _dot_product(away, way[..., None, :]) / np.where(size > 0, size, 1.0)[..., None]
-    rest = away - np.minimum(np.maximum(along, 0.0), 1.0)[..., None] * way[..., None, :]
+    rest = away - np.clip(along, 0.0, 1.0)[..., None] * way[..., None, :]
     distances = np.sqrt(_dot_product(rest, rest))
     return np.asarray(np.minimum(distances[..., 0], distances[..., 1]))
 

@@ -24,8 +24,8 @@ def test_the_splits_hold_every_game() -> None:
     assert sorted(GAMES) == sorted(name for split, names in SPLITS.items() if split != "unseen_basic" for name in names)
 
 
-# Splits that share compiled programs are compared in one test, so that one process compiles each of them once. Those of
-# many bodies are compiled with few optimisations: `make parity` plays all games as users do.
+# Splits that share compiled programs are compared in one test, so that one process compiles each of them once. All but
+# the first are compiled with few optimisations: `make parity` plays all games as users do.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("splits", "quick"), [(("basic", "noisy"), False), (("compositional",), True), (("multi_ball",), True)]

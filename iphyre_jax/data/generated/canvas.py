@@ -18,7 +18,6 @@ from iphyre_jax.scenes.geometry import Floats, gaps_between
 BARS: Final = MAX_OBJECTS - 1  # places of bars; those of balls come behind
 BALLS: Final = 3
 PLACES: Final = BARS + BALLS
-OF_BARS: Final = [np.r_[:most, BARS:PLACES] for most in range(BARS + 1)]  # the places of so many bars, and of balls
 FREE, PIN, SPRING = 0, 1, 2  # what ties a ball to a bar
 GAP: Final = 2.0  # px between an element and what is there
 FRAME: Final = 2.0  # px between an object and the frame of the picture
@@ -107,7 +106,7 @@ class Canvas:
     def gaps(self, rows: Ints, ends: Floats, radii: Floats) -> Floats:
         """Return the gaps between k objects, (n, k, 2, 2) px, and those of n scenes, (n, k, PLACES); inf without."""
         most = int(self.bars[rows].max(initial=0))
-        places = OF_BARS[most]
+        places = np.r_[:most, BARS:PLACES]
         found = np.full((*radii.shape, PLACES), np.inf)
         apart = gaps_between(ends, radii, self.ends[rows][:, places], self.radii[rows][:, places])
         found[..., places] = np.where(self.used[rows][:, None, places], apart, np.inf)

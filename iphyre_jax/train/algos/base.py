@@ -43,7 +43,7 @@ class Algorithm(ABC, Generic[S]):
     Shapes: B observations, D numbers in an observation, S scenes.
 
     Attributes:
-        config: of the run.
+        config: of the run; its seed is 0, for nothing here depends on it.
         settings: its settings of the algorithm.
         METRICS: names of what `learn` reports.
     """

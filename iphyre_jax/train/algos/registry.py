@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
@@ -34,8 +35,8 @@ ALGORITHMS: Final[Mapping[AgentName, type[Algorithm[Any]]]] = MappingProxyType(
 
 
 def algorithm(config: TrainConfig) -> Algorithm[Any]:
-    """The algorithm of a configuration."""
-    return ALGORITHMS[config.agent](config, config.learner)
+    """The algorithm of a configuration; that of all seeds is one, so that they share compiled programs."""
+    return ALGORITHMS[config.agent](replace(config, seed=0), config.learner)
 
 
 def init(config: TrainConfig, key: jax.Array) -> State:

@@ -202,7 +202,7 @@ def _load(path: Path, config: TrainConfig, *, whole: bool) -> RunState:
         restore_args = ocp.checkpoint_utils.construct_restore_args(targets)
         asked = ocp.args.PyTreeRestore(targets, restore_args, partial_restore=True)
         arrays = checkpointer.restore((path / STATE).absolute(), asked)
-    leaves = [jax.device_put(arrays[stored_name[name]]) for name in expected]
+    leaves = jax.device_put([arrays[stored_name[name]] for name in expected])
     restored: RunState = jax.tree.unflatten(jax.tree.structure(like), leaves)
     if int(restored.update) != int(path.name):
         raise ValueError(f"damaged: its state is that of {int(restored.update)} updates")

@@ -118,7 +118,7 @@ def load_pretrained(name: str, folder: Path = WEIGHTS) -> Pretrained:
 def rounded(config: TrainConfig, state: State) -> State:
     """Reduce the state of an algorithm to what inference needs, rounded to float16."""
     inference = algorithm(config).inference_state(state)
-    return jax.tree.map(lambda leaf: jax.device_put(_stored(leaf).astype(leaf.dtype)), inference)
+    return jax.device_put(jax.tree.map(lambda leaf: _stored(leaf).astype(leaf.dtype), inference))
 
 
 def save_pretrained(

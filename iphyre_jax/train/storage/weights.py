@@ -37,5 +37,5 @@ def restored(arrays: Mapping[str, npt.NDArray[Any]], like: Any, file: Path) -> A
         if arrays[key].shape != expected[key].shape:
             raise ValueError(f"{file}: {key}: expected shape {expected[key].shape}, got {arrays[key].shape}")
     # `jnp.asarray` would compile a program for each shape.
-    leaves = [jax.device_put(arrays[key].astype(leaf.dtype)) for key, leaf in expected.items()]
+    leaves = jax.device_put([arrays[key].astype(leaf.dtype) for key, leaf in expected.items()])
     return jax.tree.unflatten(jax.tree.structure(like), leaves)

@@ -290,6 +290,12 @@ def test_noise_and_epsilon_fall() -> None:
     np.testing.assert_allclose(share, [1.0, 0.02, 0.02, 0.02], rtol=1e-5)
 
 
+def test_seeds_share_compiled_programs() -> None:
+    config = planner("ppo time_grid")
+    assert algorithm(config) == algorithm(dataclasses.replace(config, seed=config.seed + 1))
+    assert algorithm(config) != algorithm(dataclasses.replace(config, fps=config.fps + 10))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo time_grid", "dqn on the fly"])
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
