@@ -38,6 +38,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_compilation_cache_dir", os.environ["IPHYRE_JAX_CACHE"] + "-jax")
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
+# Tracing makes millions of small objects that no cycle holds; Python would look through all of them again and again.
+gc.set_threshold(100_000, 50, 100)
+
 # Speed is measured in benchmarks/; on a machine that has other work a time limit says nothing about the code.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")

@@ -16,14 +16,13 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
-from iphyre_jax.envs.traced.cpu_batch import plain, play_on_cpu
+from iphyre_jax.envs.traced.cpu_batch import plain, play_on_cpu, play_when_lowered
 from iphyre_jax.envs.traced.sorting import run_slices, run_sorted, sort_into_blocks
 from iphyre_jax.envs.traced.step import Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import MOST_OF_DEVICE, accelerator_lanes, on_cpu
 from iphyre_jax.execution.gpu import one_kernel
 from iphyre_jax.execution.gpu.one_kernel import BLOCK, NoKernelError
 from iphyre_jax.execution.layout import write_transposed
-from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.execution.rowwise import rowwise
 from iphyre_jax.physics.types import Timing, Topology
 
@@ -67,7 +66,7 @@ def _vmappable(step: TracedStep) -> Decide:
     @jax.jit
     def decide(timing: Timing, games: Games, given: StepInput) -> StepOutput:
         if on_cpu():
-            return rowwise(partial(play_on_cpu, step, in_one_function), (timing, games), given)
+            return rowwise(partial(play_when_lowered, step), (timing, games), given)
         if one_kernel.kernels_run() and len(step.topologies) > 1:
             with suppress(NoKernelError):
                 return rowwise(partial(_play_blocks, step), (timing, games), given)

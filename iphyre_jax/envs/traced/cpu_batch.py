@@ -8,18 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.interpreters import mlir
+from jax.tree_util import PyTreeDef
 
 from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.traced.sorting import one_game, sort_by_game
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.devices import LANES, cpu_lanes
 from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
-from iphyre_jax.execution.one_function import in_branch
+from iphyre_jax.execution.one_function import in_branch, in_one_function
 from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.physics.lanes import read, visit_any, write
 from iphyre_jax.physics.types import Timing, Topology
@@ -105,6 +109,44 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
 
         out = jax.lax.fori_loop(0, (last[k] - first + lanes - 1) // lanes, play_next, out)
     return jax.tree.map(lambda leaf: leaf[:size], out) if spare_rows else out
+
+
+def play_when_lowered(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
+    """Do what `play_on_cpu` does, each group in one function; it is traced where the program is lowered.
+
+    So a batch is traced once. For `custom_vmap`, which asks one of its worlds for shapes first, they are told untraced.
+    """
+    leaves, structure = jax.tree.flatten((shared, given))
+    played = _play_on_cpu.bind(*leaves, step=step, structure=structure)
+    return jax.tree.unflatten(jax.tree.structure(_shapes(step, given.next_game.shape[0])), played)
+
+
+@lru_cache(256)
+def _shapes(step: TracedStep, size: int) -> StepOutput:
+    """Return the shapes of what decisions of so many worlds leave."""
+    return jax.eval_shape(partial(step.blank, size))
+
+
+def _avals(*leaves: Any, step: TracedStep, structure: PyTreeDef) -> list[ShapedArray]:  # noqa: ANN401 - their shapes
+    _, given = jax.tree.unflatten(structure, leaves)
+    return [ShapedArray(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(_shapes(step, given.next_game.shape[0]))]
+
+
+@partial(jax.jit, static_argnames=("step", "structure"))
+def _play(*leaves: jax.Array, step: TracedStep, structure: PyTreeDef) -> list[jax.Array]:
+    return jax.tree.leaves(play_on_cpu(step, in_one_function, *jax.tree.unflatten(structure, leaves)))
+
+
+def _play_at_once(*leaves: jax.Array, **static: Any) -> list[jax.Array]:  # noqa: ANN401
+    with jax.disable_jit(False):  # `jax.disable_jit` takes no primitive apart
+        return _play(*leaves, **static)
+
+
+_play_on_cpu = Primitive("play_on_cpu")
+_play_on_cpu.multiple_results = True
+_play_on_cpu.def_abstract_eval(_avals)
+_play_on_cpu.def_impl(_play_at_once)
+mlir.register_lowering(_play_on_cpu, mlir.lower_fun(_play, multiple_results=True))
 
 
 def _play_group(
