@@ -2,63 +2,56 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import reduce
 from operator import or_
 from shutil import get_terminal_size
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Final, NoReturn
 
-import numpy as np
 import tyro
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from iphyre_jax.checks import check_option
-from iphyre_jax.cli import analyse, ask, classifier, data, generate, scenes, sequence, train, world
 from iphyre_jax.cli.console import CommandConsole, option
-from iphyre_jax.cli.signals import until_signal
-from iphyre_jax.cli.viewer import pages, render
-from iphyre_jax.cli.viewer.pages import PlayPage, Replay, Score
-from iphyre_jax.cli.viewer.render import Plan, Render
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure, default_options
 from iphyre_jax.execution.forks import check_fork
-from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
-from iphyre_jax.rules import TIME_LIMIT
-from iphyre_jax.scenes import SPLITS, load_scene
-from iphyre_jax.simulation import simulate
-from iphyre_jax.train.reports.printing import print_table, say
-from iphyre_jax.train.storage import pretrained
 
 NARROWEST = 20  # columns of a help text
 CONFIGURE_VARIABLE = "IPHYRE_JAX_CONFIGURE"
+PLAY_NOTHING = ("games", "scene")
 
+Action = Callable[[Any, Console], int | None]
 
-@dataclass(frozen=True)
-class Simulate:
-    """Play one plan and print the result."""
-
-    scene: Annotated[tyro.conf.Positional[str], option("SCENE", "A game's name or a scene file.")]
-    plan: Plan = ()
-    fps: int = 60
-    """Physics steps a second."""
-    rule: Rule = "simulate"
-    """How seconds become steps: as in the official simulator (people, data sets), or as for agents that plan ahead."""
-    resets: int = 1
-    """Number of the reset in a reused physics space: 1 is a fresh space; official agents play after the second."""
-    dtype: Literal["float64", "float32"] = "float64"
-    """Number type of the physics."""
-
-
-@dataclass(frozen=True)
-class Games:
-    """List the games with their splits and eliminable blocks."""
-
-    split: Annotated[str | None, option("SPLIT", "List only this split.", "all splits")] = None
+# Module, arguments and function of each. Only what is called is imported: agents alone take more than a second.
+SUBCOMMANDS: Final[Mapping[str, tuple[str, str, str]]] = MappingProxyType(
+    {
+        "train": ("train", "Train", "run"),
+        "resume": ("train", "Resume", "run"),
+        "evaluate": ("train", "Evaluate", "run"),
+        "compare": ("train", "Compare", "run"),
+        "verify-pretrained": ("app", "VerifyPretrained", "verify_pretrained"),
+        "analyse": ("analyse", "Analyse", "run"),
+        "ask": ("ask", "Ask", "run"),
+        "classifier": ("classifier", "ClassifierCommand", "run"),
+        "sequence": ("sequence", "SequenceCommand", "run"),
+        "world": ("world", "WorldCommand", "run"),
+        "simulate": ("simulate", "Simulate", "run"),
+        "games": ("simulate", "Games", "games"),
+        "scene": ("scenes", "SceneCommand", "run"),
+        "render": ("viewer.render", "Render", "run"),
+        "replay": ("viewer.pages", "Replay", "replay"),
+        "play": ("viewer.pages", "PlayPage", "play"),
+        "score": ("viewer.pages", "Score", "score"),
+        "collect": ("data", "Collect", "run"),
+        "generate": ("generate", "Generate", "run"),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -76,115 +69,74 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     Calls `configure` first, unless the environment variable IPHYRE_JAX_CONFIGURE is "off".
     """
-    command = _without_old_spelling(_parse(list(sys.argv[1:] if arguments is None else arguments)))
-    if not isinstance(command, Games | scenes.SceneCommand):
+    name, command = _with_present_name(*_parse(list(sys.argv[1:] if arguments is None else arguments)))
+    if name not in PLAY_NOTHING:
         if os.environ.get(CONFIGURE_VARIABLE, "").lower() not in OFF_WORDS:
             configure()
         check_fork()  # some commands use JAX before they play
-    action = next(action for kind, action in SUBCOMMANDS.values() if isinstance(command, kind))
+    _, action = _loaded(name)
     with default_options():
         return action(command, CommandConsole()) or 0
 
 
-def _parse(arguments: list[str]) -> object:
-    """Parse the command line; the defaults of `train` depend on the agent that the arguments name."""
-    defaults = {"train": train.Train()}
-    if arguments[:1] == ["train"]:
-        arguments = train.renamed(arguments)
-        defaults["train"] = train.defaults(arguments[1:])
-    kinds = [
-        Annotated[kind, tyro.conf.subcommand(name, default=defaults.get(name, tyro.MISSING_NONPROP))]
-        for name, (kind, _) in SUBCOMMANDS.items()
-    ]
-    commands: Any = reduce(or_, kinds)
+def _loaded(name: str) -> tuple[type, Action]:
+    """Return what a subcommand takes, and what it does."""
+    module, kind, action = SUBCOMMANDS[name]
+    loaded = importlib.import_module(f"iphyre_jax.cli.{module}")
+    return getattr(loaded, kind), getattr(loaded, action)
+
+
+def _parse(arguments: list[str]) -> tuple[str, object]:
+    """Return the subcommand that arguments name, and what it takes."""
+    if get_terminal_size().columns < NARROWEST:  # the parser never ends with some five
+        os.environ["COLUMNS"] = str(NARROWEST)
+    name, *own = arguments or [""]
+    if name not in SUBCOMMANDS:
+        _explain(arguments)
+    kind, _ = _loaded(name)
+    default: object = tyro.MISSING_NONPROP
+    if name == "train":  # its defaults depend on the agent that the arguments name
+        from iphyre_jax.cli import train
+
+        own = train.renamed(own)
+        default = train.defaults(own)
+    return name, tyro.cli(kind, prog=f"iphyre-jax {name}", args=own, default=default)
+
+
+def _explain(arguments: Sequence[str]) -> NoReturn:
+    """Print the help of all subcommands, or what is wrong with arguments that name none, and exit."""
+    kinds = [Annotated[_loaded(name)[0], tyro.conf.subcommand(name)] for name in SUBCOMMANDS]
     description = (
         "I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes. "
         "iphyre-jax --version prints the version."
     )
-    if get_terminal_size().columns < NARROWEST:  # the parser never ends with some five
-        os.environ["COLUMNS"] = str(NARROWEST)
-    command: object = tyro.cli(commands, prog="iphyre-jax", description=description, args=arguments)
-    return command
+    commands: Any = reduce(or_, kinds)
+    tyro.cli(commands, prog="iphyre-jax", description=description, args=arguments)
+    raise AssertionError(f"{arguments} name a subcommand")
 
 
-def _without_old_spelling(command: object) -> object:
+def _with_present_name(name: str, command: Any) -> tuple[str, object]:  # noqa: ANN401 - of any subcommand
     """Replace `evaluate NAME` and `evaluate FILE`, with a warning, by the commands that took their place."""
-    if not isinstance(command, train.Evaluate):
-        return command
-    replacement: VerifyPretrained | Score
+    if name != "evaluate":
+        return name, command
+    from iphyre_jax.train.storage import pretrained
+
+    replacement: object
     if command.run.is_file():
-        name, replacement = "score", Score(command.run)
+        score, _ = _loaded("score")
+        present, replacement = "score", score(command.run)
     elif not command.run.exists() and str(command.run) in pretrained.names():
-        name, replacement = "verify-pretrained", VerifyPretrained(str(command.run))
+        present, replacement = "verify-pretrained", VerifyPretrained(str(command.run))
     else:
-        return command
-    old, new = f"evaluate {command.run}", f"{name} {command.run}"
+        return name, command
+    old, new = f"evaluate {command.run}", f"{present} {command.run}"
     print(f"iphyre-jax: FutureWarning: `{old}` is deprecated; use `iphyre-jax {new}`", file=sys.stderr)
-    return replacement
+    return present, replacement
 
 
-def _verify_pretrained(command: VerifyPretrained, console: Console) -> int:
+def verify_pretrained(command: VerifyPretrained, console: Console) -> int:
     """`iphyre-jax verify-pretrained`."""
+    from iphyre_jax.cli import train
+    from iphyre_jax.train.storage import pretrained
+
     return train.verify_pretrained(check_option("name", command.name, pretrained.names()), console)
-
-
-def _simulate(command: Simulate, console: Console) -> None:
-    """`iphyre-jax simulate`."""
-    scene = load_scene(command.scene)
-    plan = parse_plan(command.plan, scene)
-    steps = plan_to_steps(plan, command.fps, command.rule)
-    played = simulate(scene, steps, fps=command.fps, dtype=command.dtype, resets=command.resets)
-    for block, second, step in zip(scene.eliminable_blocks, plan[0].tolist(), steps[0].tolist(), strict=True):
-        when = f"before step {step} ({step / command.fps:.3f} s)" if step >= 0 else "never"
-        is_lost = step < 0 and not np.isnan(second)
-        why = f", as removals come after 0 s and within {TIME_LIMIT:g} s" if is_lost else ""
-        say(console, f"block {block}: {when}{why}")
-    solved = "solved" if played.success[0] else "not solved"
-    seconds_played = played.steps[0] / command.fps
-    say(console, f"{scene.name}: {solved} after {played.steps[0]} steps ({seconds_played:.3f} s)")
-    say(console, f"eliminations: {played.eliminations[0]}\nreward: {played.reward[0]:.4f}")
-    if played.fault[0]:
-        say(console, f"fault: {played.fault[0]}")
-
-
-def _games(command: Games, console: Console) -> None:
-    """`iphyre-jax games`."""
-    chosen = list(SPLITS) if command.split is None else [check_option("split", command.split, list(SPLITS))]
-    table = Table(box=box.SIMPLE, pad_edge=False)
-    for title in ("game", "split", "objects", "balls"):
-        table.add_column(title)
-    table.add_column("eliminable blocks: end points, px")
-    for split in chosen:
-        for name in SPLITS[split]:
-            scene = load_scene(name)
-            ends = (f"{block}: {_end_points(scene.blocks[block])}" for block in scene.eliminable_blocks)
-            table.add_row(name, split, str(scene.n_objects), str(scene.n_balls), "\n".join(ends))
-    print_table(console, table)
-
-
-def _end_points(block: np.ndarray) -> str:
-    """Write the end points of a block, px."""
-    return "-".join(f"({x:g}, {y:g})" for x, y in block.tolist())
-
-
-SUBCOMMANDS: dict[str, tuple[type, Callable[[Any, Console], int | None]]] = {
-    "train": (train.Train, train.run),
-    "resume": (train.Resume, train.run),
-    "evaluate": (train.Evaluate, train.run),
-    "compare": (train.Compare, train.run),
-    "verify-pretrained": (VerifyPretrained, _verify_pretrained),
-    "analyse": (analyse.Analyse, analyse.run),
-    "ask": (ask.Ask, ask.run),
-    "classifier": (classifier.ClassifierCommand, classifier.run),
-    "sequence": (sequence.SequenceCommand, sequence.run),
-    "world": (world.WorldCommand, world.run),
-    "simulate": (Simulate, _simulate),
-    "games": (Games, _games),
-    "scene": (scenes.SceneCommand, scenes.run),
-    "render": (Render, lambda command, console: until_signal(partial(render.render, command, console))),
-    "replay": (Replay, lambda command, console: until_signal(partial(pages.replay, command, console))),
-    "play": (PlayPage, pages.play),
-    "score": (Score, pages.score),
-    "collect": (data.Collect, data.run),
-    "generate": (generate.Generate, generate.run),
-}

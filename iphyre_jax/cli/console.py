@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, TextIO
 
 import tyro
 from rich.console import Console
@@ -46,6 +46,18 @@ def option(metavar: str, text: str, default: str | None = None, *, aliases: tupl
     """Describe an option: the name of its value, its help text, and how the help shows the default."""
     hint = None if default is None else f"(default: {default})" if default else ""
     return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint=hint, aliases=aliases or None)
+
+
+# What several commands take.
+Plan = Annotated[
+    tuple[str, ...],
+    option(
+        "SECONDS ...",
+        'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
+        '"never" or "-" keeps a block, and so does 0, by the official rules. Blocks without a time stay.',
+        "remove nothing",
+    ),
+]
 
 
 @contextmanager

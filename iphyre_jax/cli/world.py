@@ -13,9 +13,8 @@ from rich.console import Console
 
 from iphyre_jax.attempts.planner import different_plans, preferred
 from iphyre_jax.checks import check_whole
-from iphyre_jax.cli.console import option
+from iphyre_jax.cli.console import Plan, option
 from iphyre_jax.cli.signals import resumable, until_signal
-from iphyre_jax.cli.viewer.render import Plan
 from iphyre_jax.files import check_apart, check_output, replace_text
 from iphyre_jax.models.storage import Comparison
 from iphyre_jax.models.world import compare, runs, storage

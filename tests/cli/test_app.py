@@ -166,6 +166,28 @@ def test_several_errors_are_told_apart(capsys: pytest.CaptureFixture[str], tmp_p
     assert "; " in said
 
 
+LIGHT = """
+import contextlib, io, sys
+from iphyre_jax.cli.main import run
+with contextlib.redirect_stdout(io.StringIO()):
+    codes = [run(arguments) for arguments in (["games"], ["scene", "schema"], ["simulate", "-h"], ["render", "-h"])]
+print(codes, sorted({"flax", "optax", "orbax"} & set(sys.modules)))
+"""
+
+
+def test_what_needs_no_agents_loads_none() -> None:
+    done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
+    assert done.stdout == "[0, 0, 0, 0] []\n"
+
+
+def test_mistakes_name_the_options_of_their_command_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["simulate", "hole", "--fpss", "3"]) == 2
+    said = capsys.readouterr().err
+    assert "--fps INT" in said
+    assert "iphyre-jax simulate --help" in said
+    assert "collect" not in said
+
+
 def test_a_narrow_terminal_has_help(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "5")
     assert run(["simulate", "--help"]) == 0
@@ -184,7 +206,7 @@ def test_the_old_evaluate_of_a_policy_warns(
         asked.append(command)
         return 0
 
-    monkeypatch.setitem(app.SUBCOMMANDS, "verify-pretrained", (app.VerifyPretrained, remember))
+    monkeypatch.setattr(app, "verify_pretrained", remember)
     for command in ("verify-pretrained", "evaluate"):
         assert run([command, "ppo-i"]) == 0
     assert asked[0] == asked[1]

@@ -6,6 +6,7 @@ import secrets
 import webbrowser
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from rich.text import Text
 
 from iphyre_jax.checks import show
 from iphyre_jax.cli.console import option, warnings_in_one_line
+from iphyre_jax.cli.signals import until_signal
 from iphyre_jax.files import check_output
 from iphyre_jax.paper import paper_rewards
 from iphyre_jax.rules import PEOPLE_FPS
@@ -77,9 +79,14 @@ class Score:
     plays: Annotated[tyro.conf.Positional[Path], option("FILE", "The file of plays (JSON lines).")]
 
 
-@warnings_in_one_line()
-def replay(command: Replay, console: Console) -> None:
+def replay(command: Replay, console: Console) -> int:
     """`iphyre-jax replay`."""
+    return until_signal(partial(_replay, command, console))
+
+
+@warnings_in_one_line()
+def _replay(command: Replay, console: Console) -> None:
+    """Write the page."""
     if not command.sources:
         raise ValueError(f"sources: expected at least one: {SOURCES}")
     check_output("out", command.out, (".html", ".htm"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final, Literal
@@ -12,7 +13,8 @@ import tyro
 from rich.console import Console
 
 from iphyre_jax.checks import check_least, check_option, show
-from iphyre_jax.cli.console import option, refuse_unread, warnings_in_one_line
+from iphyre_jax.cli.console import Plan, option, refuse_unread, warnings_in_one_line
+from iphyre_jax.cli.signals import until_signal
 from iphyre_jax.files import check_output
 from iphyre_jax.plans import Rule, parse_plan, plan_to_steps
 from iphyre_jax.scenes import SPLITS, Scene, load_scene
@@ -27,16 +29,6 @@ if TYPE_CHECKING:
 
 BESIDE = 4  # plays side by side at most
 SHEET_SIZE, PICTURE_SIZE = 150, 600  # px, side of one picture by default
-
-Plan = Annotated[
-    tuple[str, ...],
-    option(
-        "SECONDS ...",
-        'When to remove each eliminable block, in the order of "iphyre-jax games": seconds, separated by spaces. '
-        '"never" or "-" keeps a block, and so does 0, by the official rules. Blocks without a time stay.',
-        "remove nothing",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -91,9 +83,14 @@ READ_FOR: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 
 
-@warnings_in_one_line()
-def render(command: Render, console: Console) -> None:
+def run(command: Render, console: Console) -> int:
     """`iphyre-jax render`."""
+    return until_signal(partial(_render, command, console))
+
+
+@warnings_in_one_line()
+def _render(command: Render, console: Console) -> None:
+    """Draw what the command names."""
     from iphyre_jax.viewer.films import SUFFIXES, save, save_picture
     from iphyre_jax.viewer.frames import MAX_SECONDS
     from iphyre_jax.viewer.sheets import contact_sheet, start_of
