@@ -76,7 +76,6 @@ AS_FOR_USERS = (
     "physics/test_compiled_steps.py",
     "test_determinism.py",
     "test_simulation.py",
-    "test_simulation_reference.py",
 )
 
 

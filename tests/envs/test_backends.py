@@ -80,7 +80,7 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kernels", [False, True])
+@pytest.mark.parametrize("kernels", [pytest.param(False, marks=pytest.mark.further), True])
 def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """All lanes choose between their episode and the next one, where a CPU copies rows; with kernels the worlds of all
     topologies play side by side. Bits are the host's."""

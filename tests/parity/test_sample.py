@@ -1,5 +1,8 @@
 """A sample of the parity run for what the golden files leave out: unseen layouts, float32, used spaces."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
 import pytest
 
 from iphyre_jax import SPLITS
@@ -40,5 +43,9 @@ def test_a_sample_agrees_in_float32() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("resets", [2, 3])
-def test_games_that_depend_on_the_reset_agree_in_a_used_space(resets: int) -> None:
-    check(compared(("multi_ball_lever", "multi_ball_angle"), ("float64",), resets, plans=6))
+def test_games_that_depend_on_the_reset_agree_in_a_used_space(
+    resets: int, quickly: Callable[[], AbstractContextManager[None]]
+) -> None:
+    """Few optimisations, as in `test_golden`: `make parity` plays them as users do."""
+    with quickly():
+        check(compared(("multi_ball_lever", "multi_ball_angle"), ("float64",), resets, plans=6))

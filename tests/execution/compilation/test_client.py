@@ -9,6 +9,8 @@ import pytest
 
 import iphyre_jax
 
+pytestmark = pytest.mark.usefixtures("quick_programs")
+
 
 @pytest.mark.parametrize("level", ["disallow", "disallow_explicit"])
 def test_a_guard_against_transfers_is_for_the_users_devices(level: str) -> None:
