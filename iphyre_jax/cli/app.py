@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import os
+import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from functools import reduce
 from operator import or_
 from shutil import get_terminal_size
@@ -105,7 +107,7 @@ def _parse(arguments: list[str]) -> tuple[str, object]:
 
 def _explain(arguments: Sequence[str]) -> NoReturn:
     """Print the help of all subcommands, or what is wrong with arguments that name none, and exit."""
-    kinds = [Annotated[_loaded(name)[0], tyro.conf.subcommand(name)] for name in SUBCOMMANDS]
+    kinds = [Annotated[_described(name), tyro.conf.subcommand(name)] for name in SUBCOMMANDS]
     description = (
         "I-PHYRE in JAX: train, evaluate and compare agents, play and render games, check scenes. "
         "iphyre-jax --version prints the version."
@@ -113,6 +115,15 @@ def _explain(arguments: Sequence[str]) -> NoReturn:
     commands: Any = reduce(or_, kinds)
     tyro.cli(commands, prog="iphyre-jax", description=description, args=arguments)
     raise AssertionError(f"{arguments} name a subcommand")
+
+
+def _described(name: str) -> type:
+    """Return an empty dataclass with the docstring of what a subcommand takes; nothing is imported."""
+    module, kind, _ = SUBCOMMANDS[name]
+    source = pkgutil.get_data("iphyre_jax.cli", f"{module.replace('.', '/')}.py") or b""
+    classes = (node for node in ast.parse(source).body if isinstance(node, ast.ClassDef))
+    text = next(ast.get_docstring(node) for node in classes if node.name == kind)
+    return make_dataclass(kind, (), namespace={"__doc__": text})
 
 
 def _with_present_name(name: str, command: Any) -> tuple[str, object]:  # noqa: ANN401 - of any subcommand

@@ -170,14 +170,14 @@ LIGHT = """
 import contextlib, io, sys
 from iphyre_jax.cli.main import run
 with contextlib.redirect_stdout(io.StringIO()):
-    codes = [run(arguments) for arguments in (["games"], ["scene", "schema"], ["simulate", "-h"], ["render", "-h"])]
+    codes = [run(line.split()) for line in ("--help", "games", "scene schema", "simulate -h", "render -h")]
 print(codes, sorted({"flax", "optax", "orbax"} & set(sys.modules)))
 """
 
 
 def test_what_needs_no_agents_loads_none() -> None:
     done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
-    assert done.stdout == "[0, 0, 0, 0] []\n"
+    assert done.stdout == "[0, 0, 0, 0, 0] []\n"
 
 
 def test_mistakes_name_the_options_of_their_command_alone(capsys: pytest.CaptureFixture[str]) -> None:
