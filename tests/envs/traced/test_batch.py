@@ -119,3 +119,13 @@ def test_a_batch_may_be_known_to_the_compiler(names: list[str], worlds: int) -> 
     step = jax.vmap(env.step, in_axes=(0, 0, 0, None))
     known, given = jax.jit(lambda: step(keys, state, action, params))(), jax.jit(step)(keys, state, action, params)
     assert_equal_trees((known[0], known[2:]), (given[0], given[2:]))
+
+
+def test_a_program_is_lowered_as_it_was_traced() -> None:
+    """Under x64, although it is lowered outside."""
+    with jax.enable_x64(True):
+        env, params = iphyre_jax.make("on-the-fly/hole-v1", dtype="float64", backend="xla")
+        keys, actions = jax.random.split(jax.random.key(0), 2), jnp.zeros(2, jnp.int32)
+        _, state = jax.vmap(env.reset, in_axes=(0, None))(keys, params)
+        traced = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None))).trace(keys, state, actions, params)
+    assert "tensor<2x122xf32>" in traced.lower().as_text()
