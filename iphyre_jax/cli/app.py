@@ -8,7 +8,7 @@ import os
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, make_dataclass
+from dataclasses import make_dataclass
 from functools import reduce
 from operator import or_
 from shutil import get_terminal_size
@@ -18,8 +18,7 @@ from typing import Annotated, Any, Final, NoReturn
 import tyro
 from rich.console import Console
 
-from iphyre_jax.checks import check_option
-from iphyre_jax.cli.console import CommandConsole, option
+from iphyre_jax.cli.console import CommandConsole
 from iphyre_jax.execution.compilation.cache_folder import OFF_WORDS
 from iphyre_jax.execution.configuration import configure, default_options
 from iphyre_jax.execution.forks import check_fork
@@ -37,7 +36,7 @@ SUBCOMMANDS: Final[Mapping[str, tuple[str, str, str]]] = MappingProxyType(
         "resume": ("train", "Resume", "run"),
         "evaluate": ("train", "Evaluate", "run"),
         "compare": ("train", "Compare", "run"),
-        "verify-pretrained": ("app", "VerifyPretrained", "verify_pretrained"),
+        "verify-pretrained": ("train", "VerifyPretrained", "verify_pretrained"),
         "analyse": ("analyse", "Analyse", "run"),
         "ask": ("ask", "Ask", "run"),
         "classifier": ("classifier", "ClassifierCommand", "run"),
@@ -54,16 +53,6 @@ SUBCOMMANDS: Final[Mapping[str, tuple[str, str, str]]] = MappingProxyType(
         "generate": ("generate", "Generate", "run"),
     }
 )
-
-
-@dataclass(frozen=True)
-class VerifyPretrained:
-    """Play the games with a policy of the package and check that it reaches its published scores.
-
-    The exit code is 1 if a score differs.
-    """
-
-    name: Annotated[tyro.conf.Positional[str], option("NAME", "Name of the policy, such as ppo-i.")]
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
@@ -132,22 +121,14 @@ def _with_present_name(name: str, command: Any) -> tuple[str, object]:  # noqa: 
         return name, command
     from iphyre_jax.train.storage import pretrained
 
-    replacement: object
+    named: object
     if command.run.is_file():
-        score, _ = _loaded("score")
-        present, replacement = "score", score(command.run)
+        present, named = "score", command.run
     elif not command.run.exists() and str(command.run) in pretrained.names():
-        present, replacement = "verify-pretrained", VerifyPretrained(str(command.run))
+        present, named = "verify-pretrained", str(command.run)
     else:
         return name, command
-    old, new = f"evaluate {command.run}", f"{present} {command.run}"
+    old, new = f"evaluate {named}", f"{present} {named}"
     print(f"iphyre-jax: FutureWarning: `{old}` is deprecated; use `iphyre-jax {new}`", file=sys.stderr)
-    return present, replacement
-
-
-def verify_pretrained(command: VerifyPretrained, console: Console) -> int:
-    """`iphyre-jax verify-pretrained`."""
-    from iphyre_jax.cli import train
-    from iphyre_jax.train.storage import pretrained
-
-    return train.verify_pretrained(check_option("name", command.name, pretrained.names()), console)
+    kind, _ = _loaded(present)
+    return present, kind(named)

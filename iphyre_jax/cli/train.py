@@ -18,7 +18,8 @@ import iphyre_jax.models.world.prediction  # noqa: F401 - offers world models to
 from iphyre_jax.attempts.metrics import auccess, best_reward, solved_curve
 from iphyre_jax.attempts.policies import policy_attempts
 from iphyre_jax.attempts.protocol import MOST_ATTEMPTS
-from iphyre_jax.checks import check_whole
+from iphyre_jax.checks import check_option, check_whole
+from iphyre_jax.cli.console import option
 from iphyre_jax.cli.main import INTERRUPTED
 from iphyre_jax.cli.signals import exit_code, interrupting
 from iphyre_jax.files import check_apart, check_output, check_writable
@@ -98,6 +99,16 @@ class Compare:
     """Draw the learning curves into this picture."""
     bars: Path | None = None
     """Draw rewards by split, with the human line, into this picture."""
+
+
+@dataclass(frozen=True)
+class VerifyPretrained:
+    """Play the games with a policy of the package and check that it reaches its published scores.
+
+    The exit code is 1 if a score differs.
+    """
+
+    name: Annotated[tyro.conf.Positional[str], option("NAME", "Name of the policy, such as ppo-i.")]
 
 
 TrainingCommand = Train | Resume | Evaluate | Compare
@@ -264,9 +275,9 @@ def _print_attempts(
     print_table(console, table)
 
 
-def verify_pretrained(name: str, console: Console) -> int:
+def verify_pretrained(command: VerifyPretrained, console: Console) -> int:
     """Play a policy of the package on its fifty games; return 0 if all scores equal the published ones, else 1."""
-    policy = pretrained.load_pretrained(name)
+    policy = pretrained.load_pretrained(check_option("name", command.name, pretrained.names()))
     with console.status(f"evaluating on {len(ALL_GAMES)} games"):
         evaluation = evaluate(policy.config, policy.state, ALL_GAMES)
     _print_splits(evaluation, policy.config, console)

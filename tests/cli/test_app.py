@@ -198,7 +198,7 @@ def test_the_old_evaluate_of_a_policy_warns(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The evaluation itself takes fifty games, so it is replaced."""
-    from iphyre_jax.cli import app
+    from iphyre_jax.cli import train
 
     asked: list[object] = []
 
@@ -206,7 +206,7 @@ def test_the_old_evaluate_of_a_policy_warns(
         asked.append(command)
         return 0
 
-    monkeypatch.setattr(app, "verify_pretrained", remember)
+    monkeypatch.setattr(train, "verify_pretrained", remember)
     for command in ("verify-pretrained", "evaluate"):
         assert run([command, "ppo-i"]) == 0
     assert asked[0] == asked[1]

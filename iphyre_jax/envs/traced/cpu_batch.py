@@ -117,8 +117,7 @@ def play_when_lowered(step: TracedStep, shared: tuple[Timing, Games], given: Ste
     So a batch is traced once. For `custom_vmap`, which asks one of its worlds for shapes first, they are told untraced.
     """
     leaves, structure = jax.tree.flatten((shared, given))
-    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined] # JAX's types do not know the flag
-    played = _play_on_cpu.bind(*leaves, step=step, structure=structure, x64=x64)
+    played = _play_on_cpu.bind(*leaves, step=step, structure=structure)
     return jax.tree.unflatten(jax.tree.structure(_shapes(step, given.next_game.shape[0])), played)
 
 
@@ -129,8 +128,7 @@ def _shapes(step: TracedStep, size: int) -> StepOutput:
         return jax.eval_shape(partial(step.blank, size))
 
 
-def _avals(*leaves: Any, step: TracedStep, structure: PyTreeDef, x64: bool) -> list[ShapedArray]:  # noqa: ANN401 - shapes
-    del x64
+def _avals(*leaves: Any, step: TracedStep, structure: PyTreeDef) -> list[ShapedArray]:  # noqa: ANN401 - their shapes
     _, given = jax.tree.unflatten(structure, leaves)
     return [ShapedArray(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(_shapes(step, given.next_game.shape[0]))]
 
@@ -140,10 +138,10 @@ def _play(*leaves: jax.Array, step: TracedStep, structure: PyTreeDef) -> list[ja
     return jax.tree.leaves(play_on_cpu(step, in_one_function, *jax.tree.unflatten(structure, leaves)))
 
 
-def _play_traced(*leaves: jax.Array, x64: bool, **static: Any) -> list[jax.Array]:  # noqa: ANN401
-    """Play as JAX was set where the program was traced; `jax.disable_jit` takes no primitive apart."""
-    with jax.enable_x64(x64), jax.disable_jit(False):
-        return _play(*leaves, **static)
+def _play_traced(*leaves: jax.Array, step: TracedStep, structure: PyTreeDef) -> list[jax.Array]:
+    """Play, whatever JAX is set to where the program is lowered; `jax.disable_jit` takes no primitive apart."""
+    with jax.enable_x64(step.dtype == "float64"), jax.disable_jit(False):
+        return _play(*leaves, step=step, structure=structure)
 
 
 _play_on_cpu = Primitive("play_on_cpu")
