@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -95,3 +98,6 @@ def forget_programs() -> None:
     Linux lets a process map 65,530 pieces of memory, and each program takes some. Beyond that LLVM crashes.
     """
     jax.clear_caches()
+    gc.collect()
+    with suppress(AttributeError, OSError, TypeError):  # no C library of GNU's, which would keep what is freed
+        ctypes.CDLL(None).malloc_trim(0)

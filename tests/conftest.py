@@ -139,10 +139,9 @@ def little_memory() -> Iterator[None]:
     """Let a process that has grown forget its programs."""
     yield
     if memory_in_use() > MOST_MEMORY:
-        forget_programs()
         executables._loaded.clear()
         _quick_programs.clear()
-        gc.collect()
+        forget_programs()
 
 
 @pytest.fixture

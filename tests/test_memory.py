@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import iphyre_jax
 from iphyre_jax import memory
 from iphyre_jax.adapters import GymnasiumVectorEnv
 from iphyre_jax.scenes import load_scene, vary
+from iphyre_jax.viewer.play.worker import memory_in_use
 
 
 def test_a_call_is_refused_with_both_figures_and_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,3 +77,17 @@ def test_too_little_room_for_jax_to_start_gets_one_line() -> None:
     assert done.returncode == 2
     wanted = r"iphyre-jax: ulimit -v: expected 1.1 GB of address space for JAX to start, got 0\.\d+ GB; allow [^\n]+\n"
     assert re.fullmatch(wanted, done.stderr)
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="other systems decide themselves"
+)
+def test_what_is_forgotten_goes_back_to_the_system() -> None:
+    """200 MB in small pieces, of which one of a hundred is still in use."""
+    pieces = [bytearray(2000) for _ in range(100_000)]
+    full, kept = memory_in_use(), pieces[::100]
+    del pieces
+    assert memory_in_use() > full - 50e6
+    memory.forget_programs()
+    assert memory_in_use() < full - 100e6
+    assert len(kept) == 1000

@@ -214,7 +214,7 @@ def drawn(scene: Scene, count: int, seed: int) -> npt.NDArray[np.int64]:
     return np.random.default_rng(seed).integers(-1, 70, (count, len(scene.eliminable_blocks)))
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", [pytest.param("float64", marks=pytest.mark.further), "float32"])
 def test_many_equals_one_by_one_in_the_callers_order(dtype: str) -> None:
     """Four scenes of two topologies, interleaved, one of them listed twice and one never asked for."""
     scenes = [load_scene(name) for name in ("hole", "fill", "support", "hole", "angle", "direction")]
@@ -237,7 +237,7 @@ def test_many_equals_one_by_one_in_the_callers_order(dtype: str) -> None:
     assert 0 < many.success.sum() < 160
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", [pytest.param("float64", marks=pytest.mark.further), "float32"])
 def test_plans_that_share_their_beginnings_end_as_they_do_alone(dtype: str) -> None:
     """Two layouts, twins, plans that never remove, play that ends early; to the bit of every count."""
     generator = np.random.default_rng(0)

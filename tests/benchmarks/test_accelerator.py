@@ -70,6 +70,7 @@ def test_a_row_is_printed_before_the_next_is_measured(
 
 
 @pytest.mark.slow
+@pytest.mark.further
 def test_agents_are_trained_and_unknown_ones_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -124,6 +124,7 @@ def test_ranked_rows_have_the_policies_of_others() -> None:
     assert all(one != other for one, other in combinations(rows, 2))
 
 
+@pytest.mark.further
 def test_a_ranked_policy_plays_what_the_ranker_believes_in(monkeypatch: pytest.MonkeyPatch) -> None:
     shipped = load_pretrained("ppo-i-objects")
     plain, ranked = (

@@ -232,7 +232,7 @@ def test_plans_that_no_data_set_can_hold_are_one_line() -> None:
         collect(["support"], distribution="policy", policy=lambda *_: repeat([1.0, 2.0, 0.0, 0.0, 3.0, 0.0]))
 
 
-@pytest.mark.parametrize("wanted", [0, 60])
+@pytest.mark.parametrize("wanted", [0, pytest.param(60, marks=pytest.mark.further)])
 def test_mixed_may_need_no_filling(wanted: int) -> None:
     assert len(collect(["support"], successes=wanted, failures=wanted, distribution="mixed")) == 2 * wanted
 

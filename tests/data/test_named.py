@@ -21,6 +21,7 @@ def sets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Dataset]:
 
 
 @pytest.mark.slow
+@pytest.mark.further
 def test_labels_are_those_of_the_stored_steps(sets: dict[str, Dataset]) -> None:
     for name in ("test", "pairs", "variations"):
         assert verify(sets[name].select(np.arange(0, len(sets[name]), 7))) == []

@@ -43,7 +43,7 @@ def test_action_lists_and_sequences_round_trip(tmp_path: Path) -> None:
     assert not verify(clicked)
 
 
-@pytest.mark.parametrize("distribution", ["official", "uniform15", "mixed"])
+@pytest.mark.parametrize("distribution", ["official", "uniform15", pytest.param("mixed", marks=pytest.mark.further)])
 def test_drawn_times_give_the_steps_that_were_played(distribution: Any) -> None:
     one = collect(["support", "hole"], successes=20, failures=20, distribution=distribution)
     np.testing.assert_array_equal(plan_to_steps(drawn_times(one), one.fps, one.manifest["rule"]), one.steps)

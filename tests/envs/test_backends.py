@@ -80,7 +80,8 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kernels", [pytest.param(False, marks=pytest.mark.further), True])
+@pytest.mark.further
+@pytest.mark.parametrize("kernels", [False, True])
 def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """All lanes choose between their episode and the next one, where a CPU copies rows; with kernels the worlds of all
     topologies play side by side. Bits are the host's."""
@@ -167,7 +168,7 @@ def test_a_game_plays_in_a_mixture_as_alone() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", ["host", pytest.param("xla", marks=pytest.mark.further)])
 def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> None:
     """One world, axes within axes, parameters of its own for each world, without jit."""
     with jax.enable_x64(True):  # in float32 a program of another form may round otherwise, if it is the user's
@@ -392,6 +393,7 @@ def test_a_mixture_inside_a_program_of_a_process_of_its_own() -> None:
 
 
 SPREAD = """
+import sys
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_disable_most_optimizations", True)
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
@@ -404,30 +406,31 @@ iphyre_jax.register("spread-v1", ["hole", builder.build()])
 assert len(iphyre_jax.make("on-the-fly/spread-v1")[0].topologies) == 2
 mesh = jax.make_mesh((2,), ("worlds",), axis_types=(AxisType.Auto,))
 rows, whole = NamedSharding(mesh, PartitionSpec("worlds")), NamedSharding(mesh, PartitionSpec())
-for games in ("hole", "spread"):
-    env, params = iphyre_jax.make(f"on-the-fly/{games}-v1", backend="xla")
-    keys = jax.random.split(jax.random.key(0), 8)
-    state = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))(keys, params)[1]
-    actions = jnp.arange(8, dtype=jnp.int32) % 7
-    step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
-    alone = step(keys, state, actions, params)
-    given = *jax.device_put((keys, state, actions), rows), jax.device_put(params, whole)
-    compiled = step.lower(*given).compile()
-    for one, other in zip(*map(jax.tree.leaves, (compiled(*given), alone)), strict=True):
-        np.testing.assert_array_equal(one, other)
-        assert one.sharding.spec[:1] == ("worlds",), one.sharding
-    text = compiled.as_text()
-    assert not any(name in text for name in ("all-gather", "all-reduce", "all-to-all", "collective-permute")), text
-    functions = [line for line in text.splitlines() if " call(" in line and "xla_cpu_small_call" in line]
-    assert sum("inlineable" in line for line in functions) == len(env.topologies), text
+env, params = iphyre_jax.make(f"on-the-fly/{sys.argv[1]}-v1", backend="xla")
+keys = jax.random.split(jax.random.key(0), 8)
+state = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))(keys, params)[1]
+actions = jnp.arange(8, dtype=jnp.int32) % 7
+step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+alone = step(keys, state, actions, params)
+given = *jax.device_put((keys, state, actions), rows), jax.device_put(params, whole)
+compiled = step.lower(*given).compile()
+for one, other in zip(*map(jax.tree.leaves, (compiled(*given), alone)), strict=True):
+    np.testing.assert_array_equal(one, other)
+    assert one.sharding.spec[:1] == ("worlds",), one.sharding
+text = compiled.as_text()
+assert not any(name in text for name in ("all-gather", "all-reduce", "all-to-all", "collective-permute")), text
+functions = [line for line in text.splitlines() if " call(" in line and "xla_cpu_small_call" in line]
+assert sum("inlineable" in line for line in functions) == len(env.topologies), text
 print("done")
 """
 
 
 @pytest.mark.slow
-def test_each_device_plays_its_own_worlds() -> None:
+@pytest.mark.parametrize("games", [pytest.param("hole", marks=pytest.mark.further), "spread"])
+def test_each_device_plays_its_own_worlds(games: str) -> None:
     """With `backend="xla"` and a batch spread over two devices: nothing is exchanged, each world stays where it is."""
     flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
     environment = {**os.environ, "XLA_FLAGS": flags}
-    done = subprocess.run([sys.executable, "-c", SPREAD], env=environment, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", SPREAD, games]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "done", done.stderr

@@ -47,7 +47,7 @@ def test_numbers_that_were_cut_to_32_bits_are_refused(backend: BackendName) -> N
             assert str(caught.value) == f"{name}: expected float64, got float32; load it under jax.enable_x64(True)"
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.further)])
 def test_the_host_refuses_another_scene_at_the_row_of_a_state(dtype: str) -> None:
     """Hole and angle differ in topology, hole and a copy of it in numbers alone."""
     env, _ = iphyre_jax.make("on-the-fly/basic-v1", dtype=dtype, autoreset=False, backend="host")

@@ -135,7 +135,7 @@ def test_devices(cache: Path) -> None:
     assert python(code + "result = jax.local_device_count()", cache, {"XLA_FLAGS": flags}) == 2
 
 
-@pytest.mark.parametrize("switch", ["cache=False", "IPHYRE_JAX_CACHE"])
+@pytest.mark.parametrize("switch", ["cache=False", pytest.param("IPHYRE_JAX_CACHE", marks=pytest.mark.further)])
 def test_without_a_cache_nothing_is_written(cache: Path, switch: str) -> None:
     shutil.rmtree(cache)
     private_folder(cache)
@@ -164,7 +164,11 @@ def test_compiler_options_are_no_longer_set(cache: Path) -> None:
     assert python(code, cache) == ["DeprecationWarning"]
 
 
-@pytest.mark.parametrize("call", ["iphyre_jax.configure()", PLAY.strip().replace("\n", "\n    ")])
+@pytest.mark.parametrize(
+    "call",
+    ["iphyre_jax.configure()", pytest.param(PLAY.strip().replace("\n", "\n    "), marks=pytest.mark.further)],
+    ids=["configure", "simulate"],
+)
 def test_a_default_folder_that_cannot_be_used_is_a_warning(cache: Path, call: str) -> None:
     shutil.rmtree(cache)
     cache.mkdir()

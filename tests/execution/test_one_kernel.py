@@ -179,7 +179,9 @@ def test_programs_become_one_kernel(kind: type[Score], game: str, dtype: str, gp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("games", [["pendulum"], ["support", "multi_ball_hole"]], ids=len)
+@pytest.mark.parametrize(
+    "games", [["pendulum"], pytest.param(["support", "multi_ball_hole"], marks=pytest.mark.further)], ids=["one", "two"]
+)
 def test_a_decision_in_the_users_program_is_one_kernel(games: list[str], gpu: None, kernels: None) -> None:
     iphyre_jax.register(f"kernel-{len(games)}-v1", games)
     env, params = iphyre_jax.make(f"on-the-fly/kernel-{len(games)}-v1", backend="xla", observation="motion")

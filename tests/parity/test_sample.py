@@ -42,7 +42,7 @@ def test_a_sample_agrees_in_float32() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("resets", [2, 3])
+@pytest.mark.parametrize("resets", [2, pytest.param(3, marks=pytest.mark.further)])
 def test_games_that_depend_on_the_reset_agree_in_a_used_space(
     resets: int, quickly: Callable[[], AbstractContextManager[None]]
 ) -> None:

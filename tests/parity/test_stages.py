@@ -20,12 +20,12 @@ from parity.stages import compare_step, first_divergence
 STAGED = (
     pytest.param("support_hole", 60, 1, marks=pytest.mark.further),
     pytest.param("seesaw", 10, 1, marks=pytest.mark.further),
-    ("noisy_fill", 10, 1),
+    pytest.param("noisy_fill", 10, 1, marks=pytest.mark.further),
     pytest.param("multi_ball_hole", 60, 1, marks=pytest.mark.further),
     ("multi_ball_lever", 10, 1),
     ("multi_ball_lever", 10, 2),
     ("impulse_pendulum", 60, 3),
-    ("impulse_spring", 60, 1),
+    pytest.param("impulse_spring", 60, 1, marks=pytest.mark.further),
 )
 
 

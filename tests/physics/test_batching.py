@@ -114,7 +114,9 @@ def test_worlds_without_lanes_in_few_lanes_and_in_many_agree(dtype: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("game", "dtype"), [("hole", "float32"), ("multi_ball_hole", "float64")])
+@pytest.mark.parametrize(
+    ("game", "dtype"), [("hole", "float32"), pytest.param("multi_ball_hole", "float64", marks=pytest.mark.further)]
+)
 def test_unused_room_changes_nothing(game: str, dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """More contact slots, and more places for static bars than the scene has."""
     scene = load_scene(game)

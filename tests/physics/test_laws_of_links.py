@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import DTYPES, GRAVITY, Bench, make_scene, watch
+from tests.physics.worlds import GRAVITY, LAW_DTYPES, Bench, make_scene, watch
 
 BIAS_BASE = np.float64(np.float32(0.9)) ** 60  # error left after a second
-both = pytest.mark.parametrize("dtype", DTYPES)
+both = pytest.mark.parametrize("dtype", LAW_DTYPES)
 
 POST = [(290.0, 100.0, 310.0, 100.0)]  # its centre, (300, 100), holds the joint or spring
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import DTYPES, GRAVITY, Bench, make_scene, watch
+from tests.physics.worlds import GRAVITY, LAW_DTYPES, Bench, make_scene, watch
 
 BAR_MOMENT = 200 / 3  # px^2, of every moving bar, whatever its length
 RESTITUTION = 0.01
 BIAS_BASE = np.float64(np.float32(0.9)) ** 60  # overlap left after a second
 SLOP = float(np.float32(0.1))
 
-both = pytest.mark.parametrize("dtype", DTYPES)
+both = pytest.mark.parametrize("dtype", LAW_DTYPES)
 
 
 def fallen(steps: np.ndarray | int, fps: float) -> np.ndarray:

@@ -144,6 +144,7 @@ def test_runs_that_begin_in_one_second_have_folders_of_their_own(tmp_path: Path)
     assert all(folder.is_dir() for folder in folders)
 
 
+@pytest.mark.further
 def test_updates_without_a_gradient_step_have_no_losses(tmp_path: Path, console: Console) -> None:
     small = {"games": ("support",), "hidden_sizes": (8,), "updates": 2, "episodes_per_scene": 2}
     learner = DQN(warmup=70, batch_size=8, gradient_steps=1)

@@ -92,7 +92,7 @@ def slow_distance(scene: Scene, game: Scene) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "least"), [("elements", 300), ("unions", 150)])
+@pytest.mark.parametrize(("kind", "least"), [("elements", 300), pytest.param("unions", 150, marks=pytest.mark.further)])
 def test_no_scene_that_is_played_is_near_a_test_game(
     kind: drawing.SceneKind, least: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

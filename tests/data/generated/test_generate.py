@@ -111,6 +111,7 @@ def test_a_run_that_was_killed_goes_on(small: GeneratedScenes, tmp_path: Path, m
 
 
 @pytest.mark.slow
+@pytest.mark.further
 def test_processes_give_the_same_scenes(small: GeneratedScenes, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that ends in the midst of an answer is replaced by this process."""
     monkeypatch.setattr(configuration, "threads", lambda: 2)
@@ -186,6 +187,7 @@ def test_shares_decide() -> None:
     assert names[5] == "more contacts than a game has"
 
 
+@pytest.mark.further
 def test_unions_are_scenes_of_their_own_kind(tmp_path: Path) -> None:
     unions = generate_scenes(6, 7, kind="unions")
     assert (unions.columns["basic"] >= 0).all()

@@ -81,6 +81,7 @@ def test_what_diverged_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert not (tmp_path / "run" / STATE).exists()
 
 
+@pytest.mark.further
 def test_what_is_not_a_number_stays_in_the_loss(trained: tuple[Path, training.SequenceState]) -> None:
     params = training.of_seed(trained[1].params, 0)
     batch = training.draw(CONFIG, jax.tree.map(jnp.asarray, DATA), jax.random.key(0))

@@ -100,7 +100,8 @@ def test_the_shipped_model_predicts_the_next_table() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["on-the-fly", pytest.param("combined", marks=pytest.mark.further)])
+@pytest.mark.further
+@pytest.mark.parametrize("strategy", ["on-the-fly", "combined"])
 def test_a_training_with_a_model_is_the_same_twice(strategy: StrategyName, tmp_path: Path) -> None:
     world = compare.row_settings("mdrnn-400")
     storage.RUNS.create(tmp_path / "model", world)

@@ -93,7 +93,7 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
 
 
 def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
-    """Those for every run of the tests, one on and one off policy; `make test-learners` tries the others too."""
+    """Those for every run of the tests; `make test-learners` tries the others too."""
     return [pytest.param(name, marks=() if name in kept else pytest.mark.further) for name in names]
 
 
@@ -111,7 +111,7 @@ def right_so_far(k: int, action: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", of_each_kind(FLYING, {"a2c", "sac"}))
+@pytest.mark.parametrize("name", of_each_kind(FLYING, {"a2c"}))
 def test_what_pays_later_is_learned(name: str) -> None:
     """Needs values that look ahead: a reward two decisions later is due to this one."""
     probe = Probe(("support",), 3, lambda scene, k, _, good: 1000.0 * (good & (k == 2)), right_so_far)
@@ -194,7 +194,7 @@ def test_ppo_loss_of_another_policy_by_hand() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", ["mlp", "objects"])
+@pytest.mark.parametrize("network", ["mlp", pytest.param("objects", marks=pytest.mark.further)])
 def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
     """Loss and gradient are those of the same observation given anew for each decision."""
     config = planner("ppo time_grid", network=network)
@@ -271,6 +271,7 @@ def test_discrete_sac_target_by_hand() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.further
 def test_sac_holds_its_entropy() -> None:
     """Block 0 pays 300 points; alpha brings the entropy of the policy to the target, and no lower."""
     learner = SAC(learning_rate=3e-3, warmup=100, gradient_steps=32, batch_size=128, target_entropy=0.5, alpha=0.3)
@@ -297,7 +298,7 @@ def test_seeds_share_compiled_programs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ppo time_grid", "dqn on the fly"])
+@pytest.mark.parametrize("name", ["ppo time_grid", pytest.param("dqn on the fly", marks=pytest.mark.further)])
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
     """Two learners under `vmap` learn what each learns alone."""
     config = flyer(name.split()[0]) if name.endswith("fly") else planner(name)

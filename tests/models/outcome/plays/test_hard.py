@@ -72,6 +72,7 @@ def initial(scenes: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf[None], params)
 
 
+@pytest.mark.further
 def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(pool, "pool_scenes", lambda generated: [scene for scene in generated for _ in range(2)])
     monkeypatch.setattr(ranker, "HELD", 3)
@@ -104,6 +105,7 @@ def test_a_refinement_goes_on_from_the_ranker_before(monkeypatch: pytest.MonkeyP
     jax.tree.map(np.testing.assert_array_equal, again.params, found.params)
 
 
+@pytest.mark.further
 def test_refinements_by_policies_learn_from_their_own_plays(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """They need the ranker before them, and nothing that it learned from."""
     monkeypatch.setattr(ranker, "HELD", 3)
