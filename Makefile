@@ -43,7 +43,7 @@ test: lint ## lint, types and the test suite
 test-fast: lint ## the same without the tests marked slow, for daily work
 	$(PYTEST) -m "not slow"
 
-test-further: .venv/.stamp ## the further cases of claims that `make test` tries in one case each
+test-further: .venv/.stamp ## what `make test` leaves out because it takes long: further cases, and some claims
 	IPHYRE_JAX_CHECK_ALL=1 $(PYTEST) -m further
 
 test-environments: .venv/.stamp ## gymnasium's check_env on every registered environment; vector environments against single ones

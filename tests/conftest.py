@@ -57,7 +57,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if not os.environ.get("IPHYRE_JAX_CHECK_ALL"):
         for item in items:
             if item.get_closest_marker("further"):
-                item.add_marker(pytest.mark.skip(reason="a further case: make test-further"))
+                item.add_marker(pytest.mark.skip(reason="takes long: make test-further"))
 
 
 # Here the engine's programs are compiled as they are for users. All other tests ask what the code means, not what a

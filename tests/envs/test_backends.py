@@ -64,7 +64,11 @@ def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("two")
-@pytest.mark.parametrize(("strategy", "games", "options"), CASES, ids=[case[0] for case in CASES])
+@pytest.mark.parametrize(
+    ("strategy", "games", "options"),
+    [CASES[0], pytest.param(*CASES[1], marks=pytest.mark.further), CASES[2]],
+    ids=[case[0] for case in CASES],
+)
 def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[str, Any]) -> None:
     """In float64, to the last bit: what is seen, rewards, flags and infos, autoreset included."""
     told = []

@@ -20,7 +20,8 @@ print(obs.shape, *[round(float(env.step(jax.random.key(0), state, action, params
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("disable", [pytest.param("0", marks=pytest.mark.further), "1"])
+@pytest.mark.further
+@pytest.mark.parametrize("disable", ["0", "1"])
 def test_simulate_and_environments(disable: str, tmp_path: Path) -> None:
     """Both print what is written here."""
     own = {"JAX_DISABLE_JIT": disable, "IPHYRE_JAX_CACHE": str(tmp_path)}

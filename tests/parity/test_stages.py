@@ -24,7 +24,7 @@ STAGED = (
     pytest.param("multi_ball_hole", 60, 1, marks=pytest.mark.further),
     ("multi_ball_lever", 10, 1),
     ("multi_ball_lever", 10, 2),
-    ("impulse_pendulum", 60, 3),
+    pytest.param("impulse_pendulum", 60, 3, marks=pytest.mark.further),
     pytest.param("impulse_spring", 60, 1, marks=pytest.mark.further),
 )
 

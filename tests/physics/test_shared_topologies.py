@@ -65,7 +65,7 @@ def _play(topology: Topology, world: Any, timing: Any) -> Any:
         pytest.param("none", "one", "float64", marks=pytest.mark.further),
         pytest.param("none", "two", "float64", marks=pytest.mark.further),
         pytest.param("one pin", "one", "float64", marks=pytest.mark.further),
-        ("a pin and a spring", "one", "float32"),
+        pytest.param("a pin and a spring", "one", "float32", marks=pytest.mark.further),
         pytest.param("a pin and a spring", "many, also between", "float32", marks=pytest.mark.further),
         pytest.param("a pin and a spring", "many, also between", "float64", marks=pytest.mark.further),
         pytest.param("the spring takes the place of the first pin", "two", "float32", marks=pytest.mark.further),

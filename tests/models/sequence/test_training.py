@@ -125,6 +125,7 @@ def test_long_sequences_are_cut() -> None:
     assert len(set(time[:, 0].tolist())) > 20
 
 
+@pytest.mark.further
 def test_what_cannot_be_chosen_is_not_learned() -> None:
     config = dataclasses.replace(settings("ours"), **TINY)
     data = jax.tree.map(jnp.asarray, episodes(PLAYS, config))
