@@ -11,7 +11,6 @@ from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -204,4 +203,4 @@ def on_host(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 def on_device(content: dict[str, Any], names: Sequence[str], x64: bool) -> dict[str, Any]:
     """Return attributes from `on_host` as they were."""
     with jax.enable_x64(x64):
-        return content | {name: jax.tree.map(jnp.asarray, content[name]) for name in names}
+        return content | {name: jax.device_put(content[name]) for name in names}

@@ -89,13 +89,14 @@ class PlanRollout:
         """See `RolloutCollector`."""
         config = self._config
         which = np.repeat(np.arange(len(self._scenes)), episodes)
-        output = policy(key, jnp.asarray(self._table), episodes)
+        output = policy(key, jax.device_put(self._table), episodes)
         actions = np.asarray(output.action)
         played = play_plans(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
-        obs, always = jnp.asarray(self._table[which]), jnp.ones((1, len(which)), bool)
-        reward = jnp.asarray(played.reward[None], jnp.float32)
+        # `jnp` would compile programs for each shape.
+        reward, always = played.reward[None].astype(np.float32), np.ones((1, len(which)), bool)
+        obs, reward, always = jax.device_put((np.stack([self._table[which]] * 2), reward, always))
         trajectory = Trajectory(
-            jnp.stack([obs, obs]),
+            obs,
             output.raw_action[None],
             output.log_prob[None],
             output.value[None],

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from iphyre_jax.checks import show
@@ -168,7 +167,7 @@ def _plans(config: TrainConfig, learner: State, scenes: Sequence[Scene]) -> list
     """Greedy elimination times of each game's blocks, s, None for one that stays; empty unless in advance."""
     if config.strategy != "in-advance":
         return [()] * len(scenes)
-    obs = jnp.asarray(observation_table(scenes))
+    obs = jax.device_put(observation_table(scenes))
     times = action_to_times(np.asarray(algorithm(config).greedy(learner, obs)))
     steps = plan_to_steps(times, config.fps, "in_advance")
     return [

@@ -83,4 +83,4 @@ def start_observations(strategy: StrategyName, observation: str, scenes: Sequenc
     rows, candidates = table[:, :ROWS_SIZE], table[:, ROWS_SIZE:]
     no_op = np.zeros((len(table), 2 if STRATEGIES[strategy].no_op_candidate else 0), np.float32)
     motion = np.zeros((len(table), MOTION_SIZE if observation == "motion" else 0), np.float32)
-    return jnp.asarray(np.concatenate([rows, no_op, candidates, motion], axis=1))
+    return jax.device_put(np.concatenate([rows, no_op, candidates, motion], axis=1))

@@ -85,8 +85,10 @@ class HostWorlds(Worlds):
         for k, row in enumerate(rows):
             table[k, : len(row)] = row
         with jax.enable_x64(self.dtype == "float64"):
-            stacked = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *features)
-            return HostParams(jnp.asarray(table), jnp.asarray(topology_id, jnp.int32), stacked, self.made_for)
+            # `jnp.asarray` would compile a program for each shape.
+            stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *features)
+            table, ids, stacked = jax.device_put((table, np.asarray(topology_id, np.int32), stacked))
+            return HostParams(table, ids, stacked, self.made_for)
 
     def _row(self, topology: Topology, world: Any, features: Features) -> Words:  # noqa: ANN401 - NumPy arrays
         """Return a packed scene, its id in front."""
@@ -114,8 +116,9 @@ class HostWorlds(Worlds):
         with jax.enable_x64(self.dtype == "float64"):
             features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
             row = one._row(topology, world, features)
-            stacked = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], features)
-            return topology, HostParams(jnp.asarray(row)[None], jnp.zeros(1, jnp.int32), stacked, one.made_for)
+            stacked = jax.tree.map(lambda leaf: np.asarray(leaf)[None], features)
+            table, ids, stacked = jax.device_put((row[None], np.zeros(1, np.int32), stacked))
+            return topology, HostParams(table, ids, stacked, one.made_for)
 
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return the observation and the state of an episode before its first step."""

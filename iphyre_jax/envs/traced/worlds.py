@@ -89,7 +89,7 @@ class TracedWorlds(Worlds):
                 scene = self._scene(self.topologies[topology_id], world, features)
                 starts.append(_start(self.traced, topology_id, scene))
                 scenes.append(scene)
-            ids = jnp.asarray([topology_id for topology_id, _, _ in games], jnp.int32)
+            ids = jax.device_put(np.array([topology_id for topology_id, _, _ in games], np.int32))
             table = Games(ids, _table(scenes), _table(starts))
             return TracedParams(table, _table([own for _, _, own in games]), self.made_for)
 
@@ -98,7 +98,7 @@ class TracedWorlds(Worlds):
         layout = self.traced.scene_layout(topology)
         words = layout.pack_many([(feature_numbers(features, self.dtype), world)])[:, 0]
         parts = words[: layout.whole_rows], words[layout.whole_rows :].view(self.dtype)
-        return Parts(*map(jnp.asarray, parts)).padded(self.traced.scene_rows)
+        return Parts(*jax.device_put(parts)).padded(self.traced.scene_rows)
 
     def single_game(self, params: TracedParams, game: int) -> tuple[Topology, TracedParams]:
         """Return the topology and the parameters of one game; see `params.Worlds`."""
@@ -170,7 +170,8 @@ def _start(step: TracedStep, topology_id: int, scene: Parts) -> Episode:
 
 def _table(rows: Sequence[Tree]) -> Tree:
     """Stack trees of arrays, each a row, on the device."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *rows)
+    # `jnp.asarray` would compile a program for each shape.
+    return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *rows))
 
 
 def _opaque(tree: Tree) -> Tree:
