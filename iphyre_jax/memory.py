@@ -93,7 +93,7 @@ def _gigabytes(size: float) -> str:
 
 
 def forget_programs() -> None:
-    """Free the programs that JAX has compiled in this process, between two runs that share none.
+    """Free the programs that JAX has compiled in this process, between two runs that share none, and their memory.
 
     Linux lets a process map 65,530 pieces of memory, and each program takes some. Beyond that LLVM crashes.
     """

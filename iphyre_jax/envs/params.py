@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -18,12 +18,14 @@ from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.batching import cached_world
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, Pose, present_objects
+from iphyre_jax.observations.features import Features, Pose, present_objects, scene_tables
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.shared_topologies import can_play, with_absent
 from iphyre_jax.physics.types import Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
+
+Tree = TypeVar("Tree")
 
 
 class EnvParams(ABC):
@@ -117,13 +119,19 @@ class Worlds(ABC):
         topology_id = min(able, key=lambda k: len(self.topologies[k].constraint_ends))
         return topology_id, with_absent(self.topologies[topology_id], own, world)
 
-    @abstractmethod
     def params(self, scenes: Sequence[Scene]) -> Any:  # noqa: ANN401 - each has its own
         """Return scenes as parameters.
 
         Raises:
             ValueError: see `world_of`.
         """
+        built = [self.world_of(scene) for scene in scenes]
+        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
+        return self.params_of([(one, world, own) for (one, world), own in zip(built, features, strict=True)])
+
+    @abstractmethod
+    def params_of(self, games: Sequence[tuple[int, World, Features]]) -> Any:  # noqa: ANN401
+        """Return games as parameters, each with the number of its topology."""
 
     @abstractmethod
     def single_game(self, params: Any, game: int) -> tuple[Topology, Any]:  # noqa: ANN401
@@ -193,6 +201,11 @@ class Worlds(ABC):
 def _digest_of(*values: object) -> str:
     """Return the SHA-256 sum of some values' representations."""
     return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+def stacked(rows: Sequence[Tree]) -> Tree:
+    """Return trees of arrays as one on the device, a row each."""
+    return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *rows))
 
 
 def on_host(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:

@@ -92,7 +92,6 @@ class PlanRollout:
         output = policy(key, jax.device_put(self._table), episodes)
         actions = np.asarray(output.action)
         played = play_plans(self._scenes, which, actions, fps=config.fps, resets=config.resets, dtype=config.dtype)
-        # `jnp` would compile programs for each shape.
         reward, always = played.reward[None].astype(np.float32), np.ones((1, len(which)), bool)
         obs, reward, always = jax.device_put((np.stack([self._table[which]] * 2), reward, always))
         trajectory = Trajectory(

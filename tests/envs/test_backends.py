@@ -20,15 +20,16 @@ from iphyre_jax.envs import Environment, EnvParams
 from iphyre_jax.envs.core import BackendName
 from iphyre_jax.envs.traced import batch
 from iphyre_jax.execution.gpu import one_kernel
+from tests.cases import further_but
 from tests.trees import assert_equal_trees
 
 BACKENDS: tuple[BackendName, ...] = ("host", "xla")
 GAMES = ["support", "multi_ball_hole"]
 # Strategy, games and options: two topologies once, for compiling both into one program takes long.
 CASES = [
-    ("on-the-fly", "backends-v1", {"observation": "motion", "final_observation": True}),
-    ("combined", "pendulum-v1", {"autoreset": False}),
-    ("in-advance", "support-v1", {"protocol": "smooth"}),
+    pytest.param("on-the-fly", "backends-v1", {"observation": "motion", "final_observation": True}, id="on-the-fly"),
+    pytest.param("combined", "pendulum-v1", {"autoreset": False}, id="combined", marks=pytest.mark.further),
+    pytest.param("in-advance", "support-v1", {"protocol": "smooth"}, id="in-advance"),
 ]
 
 
@@ -64,11 +65,7 @@ def played(env: Environment, params: EnvParams, actions: jax.Array) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("two")
-@pytest.mark.parametrize(
-    ("strategy", "games", "options"),
-    [CASES[0], pytest.param(*CASES[1], marks=pytest.mark.further), CASES[2]],
-    ids=[case[0] for case in CASES],
-)
+@pytest.mark.parametrize(("strategy", "games", "options"), CASES)
 def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[str, Any]) -> None:
     """In float64, to the last bit: what is seen, rewards, flags and infos, autoreset included."""
     told = []
@@ -172,7 +169,7 @@ def test_a_game_plays_in_a_mixture_as_alone() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["host", pytest.param("xla", marks=pytest.mark.further)])
+@pytest.mark.parametrize("backend", further_but(BACKENDS, "host"))
 def test_any_form_of_batch_gives_the_same(two: str, backend: BackendName) -> None:
     """One world, axes within axes, parameters of its own for each world, without jit."""
     with jax.enable_x64(True):  # in float32 a program of another form may round otherwise, if it is the user's

@@ -11,16 +11,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-import pytest
 
 from iphyre_jax import Scene, Simulation, physics, simulate
 from iphyre_jax.physics import State, Topology
 from iphyre_jax.scenes.compile import compile_scene, step_timing
+from tests.cases import further_but
 
 GRAVITY = 100.0  # px/s^2
 DTYPES = ("float64", "float32")
 # Laws are tried through whole plays, compiled for each number type.
-LAW_DTYPES = ("float64", pytest.param("float32", marks=pytest.mark.further))
+LAW_DTYPES = further_but(DTYPES, "float64")
 
 Bar = tuple[float, float, float, float]
 Pairs = Sequence[tuple[int, int]]

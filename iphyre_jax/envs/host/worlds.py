@@ -24,15 +24,14 @@ from iphyre_jax.envs.host.calls import reset_episodes, step_episodes
 from iphyre_jax.envs.host.observations import HostObservations
 from iphyre_jax.envs.host.step import ID_WORDS, HostStep
 from iphyre_jax.envs.host.step_program import EnvStep, scene_layout
-from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds, stacked
 from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
-from iphyre_jax.observations.features import Features, own_features, scene_tables
+from iphyre_jax.observations.features import Features, own_features
 from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.shared_topologies import without_absent
-from iphyre_jax.physics.types import Topology
-from iphyre_jax.scenes import Scene
+from iphyre_jax.physics.types import Topology, World
 
 HOSTS_CACHED: Final = 64  # sets of topologies; JAX's programs keep their own
 
@@ -73,22 +72,18 @@ class HostWorlds(Worlds):
 
     state_type = HostState
 
-    def params(self, scenes: Sequence[Scene]) -> HostParams:
-        """Return scenes as parameters."""
-        built = [self.world_of(scene) for scene in scenes]
-        topology_id = [one for one, _ in built]
-        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
-        rows = [self._row(self.topologies[one], world, own) for (one, world), own in zip(built, features, strict=True)]
+    def params_of(self, games: Sequence[tuple[int, World, Features]]) -> HostParams:
+        """Return games, each with its topology, as parameters."""
+        rows = [self._row(self.topologies[topology_id], world, own) for topology_id, world, own in games]
         # As wide as the largest topology needs: tables of any scenes have one shape, and share compiled programs.
         most = max(scene_layout(topology, self.dtype).rows for topology in self.topologies)
         table = np.zeros((len(rows), ID_WORDS + self.features.rows + most), WORD[self.dtype])
         for k, row in enumerate(rows):
             table[k, : len(row)] = row
         with jax.enable_x64(self.dtype == "float64"):
-            # `jnp.asarray` would compile a program for each shape.
-            stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *features)
-            table, ids, stacked = jax.device_put((table, np.asarray(topology_id, np.int32), stacked))
-            return HostParams(table, ids, stacked, self.made_for)
+            ids = jax.device_put(np.array([topology_id for topology_id, _, _ in games], np.int32))
+            features = stacked([own for _, _, own in games])
+            return HostParams(jax.device_put(table), ids, features, self.made_for)
 
     def _row(self, topology: Topology, world: Any, features: Features) -> Words:  # noqa: ANN401 - NumPy arrays
         """Return a packed scene, its id in front."""
@@ -113,12 +108,8 @@ class HostWorlds(Worlds):
         padded = jax.tree.map(lambda leaf: leaf[..., 0], layout.unpack_numpy(words[:, None]))[0]
         topology, world = without_absent(shared, padded)
         one = replace(self, topologies=(topology,))
-        with jax.enable_x64(self.dtype == "float64"):
-            features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
-            row = one._row(topology, world, features)
-            stacked = jax.tree.map(lambda leaf: np.asarray(leaf)[None], features)
-            table, ids, stacked = jax.device_put((row[None], np.zeros(1, np.int32), stacked))
-            return topology, HostParams(table, ids, stacked, one.made_for)
+        features = own_features(jax.tree.map(lambda leaf: np.asarray(leaf)[game], params.features), topology)
+        return topology, one.params_of([(0, world, features)])
 
     def reset(self, params: HostParams, game: jax.Array) -> tuple[jax.Array, HostState]:
         """Return the observation and the state of an episode before its first step."""

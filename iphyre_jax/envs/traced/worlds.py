@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,20 +12,17 @@ import numpy as np
 
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
-from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds
+from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Tree, Worlds, stacked
 from iphyre_jax.envs.traced.batch import decide
 from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.execution.layout import Parts
 from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.observations.features import Features, own_features, scene_tables
+from iphyre_jax.observations.features import Features, own_features
 from iphyre_jax.observations.vectors import obs_inputs, observe
 from iphyre_jax.physics.shared_topologies import without_absent
 from iphyre_jax.physics.types import Motion, Topology, World
 from iphyre_jax.physics.vector import Vec
-from iphyre_jax.scenes import Scene
 from iphyre_jax.scenes.compile import step_timing
-
-Tree = TypeVar("Tree")
 
 
 @jax.tree_util.register_dataclass
@@ -75,13 +71,7 @@ class TracedWorlds(Worlds):
         steps, shared = self.protocol.steps, (self.observation, self.limits, self.no_op, self.keep_final)
         return TracedStep(self.topologies, self.dtype, steps, *shared)
 
-    def params(self, scenes: Sequence[Scene]) -> TracedParams:
-        """Return scenes as parameters."""
-        built = [self.world_of(scene) for scene in scenes]
-        features = [scene_tables(scene, self.topologies, self.dtype) for scene in scenes]
-        return self._params([(one, world, own) for (one, world), own in zip(built, features, strict=True)])
-
-    def _params(self, games: Sequence[tuple[int, World, Features]]) -> TracedParams:
+    def params_of(self, games: Sequence[tuple[int, World, Features]]) -> TracedParams:
         """Return games, each with its topology, as parameters."""
         with jax.enable_x64(self.dtype == "float64"):
             scenes, starts = [], []
@@ -90,8 +80,8 @@ class TracedWorlds(Worlds):
                 starts.append(_start(self.traced, topology_id, scene))
                 scenes.append(scene)
             ids = jax.device_put(np.array([topology_id for topology_id, _, _ in games], np.int32))
-            table = Games(ids, _table(scenes), _table(starts))
-            return TracedParams(table, _table([own for _, _, own in games]), self.made_for)
+            table = Games(ids, stacked(scenes), stacked(starts))
+            return TracedParams(table, stacked([own for _, _, own in games]), self.made_for)
 
     def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
         """Return a packed scene, (rows,), with as many rows as the largest."""
@@ -110,7 +100,7 @@ class TracedWorlds(Worlds):
             world = jax.tree.map(lambda leaf: np.asarray(leaf)[..., 0], joined)
         topology, world = without_absent(self.topologies[topology_id], world)
         one = replace(self, topologies=(topology,))
-        return topology, one._params([(0, world, own_features(features, topology))])
+        return topology, one.params_of([(0, world, own_features(features, topology))])
 
     def reset(self, params: TracedParams, game: jax.Array) -> tuple[jax.Array, TracedState]:
         """Return the observation and the state of an episode before its first step."""
@@ -166,12 +156,6 @@ def _start(step: TracedStep, topology_id: int, scene: Parts) -> Episode:
     """Return the episode of a packed scene before its first step."""
     start = step.start(step.topologies[topology_id], jax.tree.map(lambda rows: rows[:, None], scene))
     return jax.tree.map(lambda rows: rows[:, 0], start)
-
-
-def _table(rows: Sequence[Tree]) -> Tree:
-    """Stack trees of arrays, each a row, on the device."""
-    # `jnp.asarray` would compile a program for each shape.
-    return jax.device_put(jax.tree.map(lambda *leaves: np.stack(leaves), *rows))
 
 
 def _opaque(tree: Tree) -> Tree:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
@@ -52,7 +51,7 @@ def judge_of(classifier: OutcomeClassifier) -> Callable[[SceneLike, Floats], Flo
         plans = check_plans(plans, len(loaded.eliminable_blocks), MAX_ELIMINABLE)
         columns = np.full((len(plans), MAX_ELIMINABLE), np.nan)
         columns[:, : plans.shape[1]] = plans
-        seen = jax.tree.map(jnp.asarray, scene_inputs([loaded], config))
+        seen = jax.device_put(scene_inputs([loaded], config))
         inputs = plan_inputs([loaded], np.zeros(len(plans), np.int32), columns, config)
         return predict_for(config, classifier.params, seen, inputs)[0]
 

@@ -43,7 +43,7 @@ def material_of(config: OutcomeConfig, learned: Dataset, held: Dataset) -> Mater
     parts = [
         part for plays in (learned, held) for part in (scene_inputs(plays.scenes, config), examples(plays, config))
     ]
-    return Material(*jax.tree.map(jnp.asarray, parts))
+    return Material(*jax.device_put(parts))
 
 
 @default_options()
@@ -93,7 +93,7 @@ def train(
 def judge(config: OutcomeConfig, params: Any, plays: Dataset) -> npt.NDArray[np.float64]:  # noqa: ANN401 - a tree
     """The chance of success that networks of K seeds give the plays, (K, N)."""
     seen = examples(plays, config)
-    scenes = jax.tree.map(jnp.asarray, scene_inputs(plays.scenes, config))
+    scenes = jax.device_put(scene_inputs(plays.scenes, config))
     return predict(config, params, scenes, np.asarray(plays.game), seen.plans)
 
 

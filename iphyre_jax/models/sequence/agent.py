@@ -108,7 +108,7 @@ class Memory:
     def inputs(self, index: npt.NDArray[np.integer[Any]]) -> Sequences:
         """Some worlds as the network takes them."""
         parts = (self.returns, self.rows, self.centres, self.actions, self.time)
-        return Sequences(*(jnp.asarray(each[index]) for each in parts))
+        return Sequences(*jax.device_put([each[index] for each in parts]))
 
     def forget_first(self) -> None:
         """Make room for one more decision."""

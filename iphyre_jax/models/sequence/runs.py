@@ -43,7 +43,7 @@ def train(
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
         storage.RUNS.create(folder, config, plays=dict(plays))
-        arrays = jax.tree.map(jnp.asarray, data)
+        arrays = jax.device_put(data)
         state, losses = start(config, arrays), np.zeros((0, config.seeds), np.float32)
         if (saved := storage.load(folder, state)) is not None:
             state, losses = saved

@@ -77,8 +77,8 @@ def _lowest(
     """The y of the highest ball after each prediction, (N, LOOKS); NaN never counts as solved."""
     count = len(which)
     index = np.resize(which, LANES)  # one program for all
-    scene: SceneTables = jax.tree.map(lambda table: jnp.asarray(np.asarray(table)[index]), tables)
-    removed = jnp.asarray(np.resize(gone, (LANES, gone.shape[1])))
+    scene: SceneTables = jax.device_put(jax.tree.map(lambda table: np.asarray(table)[index], tables))
+    removed = jax.device_put(np.resize(gone, (LANES, gone.shape[1])))
     memory, rows = start_memory(model.config, scene), start_rows(scene)
     centre = roll(predict, model.params, memory, rows, removed, LOOKS)
     height = jnp.where(jnp.asarray(scene.ball)[None], centre[..., 1], jnp.inf).min(axis=-1)

@@ -53,7 +53,8 @@ class WorldPrediction:
         """See `iphyre_jax.train.predictions.Prediction`."""
         del params
         tables = scene_tables(scenes)
-        memory = start_memory(self._config, jax.tree.map(lambda column: jnp.asarray(column[np.asarray(game)]), tables))
+        own = jax.device_put(jax.tree.map(lambda column: column[np.asarray(game)], tables))
+        memory = start_memory(self._config, own)
         remembers = self._config.model == "mdrnn" and environment.strategy.name == "on-the-fly"
         return _Kept(memory, None, remembers)
 

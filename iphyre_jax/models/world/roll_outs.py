@@ -100,7 +100,7 @@ def _poses(
     predict: Predict, model: WorldModel, tables: SceneTables, gone: npt.NDArray[np.int32], scene: Scene
 ) -> Floats:
     """Poses (F, N, 3), px and rad, of all objects; a removed object stays where it was."""
-    first = jax.tree.map(jnp.asarray, tables)
+    first = jax.device_put(tables)
     memory, rows = start_memory(model.config, first), start_rows(first)
     later = roll(predict, model.params, memory, rows, jnp.asarray(gone), INSTANTS - 1, jnp.asarray)
     table = np.concatenate([np.asarray(rows)[None], np.asarray(later)])[:, 0, : scene.n_objects].astype(np.float64)

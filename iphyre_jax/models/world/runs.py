@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Final
 
 import jax
-import jax.numpy as jnp
 from rich.console import Console
 
 from iphyre_jax.execution.configuration import default_options
@@ -50,7 +49,7 @@ def train(folder: Path, config: WorldConfig, console: Console, plays: Plays | No
                 part = first // config.chunk // RENEWED if config.data == "unlimited" else 0
                 if material is None or material[0] != part:
                     found = learned_plays(config.data, config.seed, part) if plays is None else plays
-                    material = (part, jax.tree.map(jnp.asarray, found))
+                    material = (part, jax.device_put(found))
                 state, loss = train_chunk(config, state, material[1], first)
                 check_losses(folder, loss, f"step {first}")
                 losses.append(loss)

@@ -10,11 +10,12 @@ import pytest
 from iphyre_jax.data.generated import displaced, drawing, elements
 from iphyre_jax.data.generated.canvas import BALLS, BARS, PIN, SPRING, Canvas, Element, place
 from iphyre_jax.data.generated.displaced import displaced_games
-from iphyre_jax.data.generated.drawing import SceneKind, draw_chunk
+from iphyre_jax.data.generated.drawing import KINDS, SceneKind, draw_chunk
 from iphyre_jax.physics.constants import BAR_RADIUS
 from iphyre_jax.scenes import MAX_ELIMINABLE, MAX_OBJECTS, SPLITS, load_scene
 from iphyre_jax.scenes.compile import topology_of
 from iphyre_jax.scenes.geometry import TOLERANCE, Layouts, gaps, outside
+from tests.cases import further_but
 
 CHUNK = 320
 
@@ -26,7 +27,7 @@ def small_chunks() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module", params=["elements", pytest.param("unions", marks=pytest.mark.further)])
+@pytest.fixture(scope="module", params=further_but(KINDS, "elements"))
 def kind(request: pytest.FixtureRequest) -> SceneKind:
     return cast(SceneKind, request.param)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
 from typing import Any, get_args
 
 import jax
@@ -23,6 +22,7 @@ from iphyre_jax.train.algos.sac import SACAlgorithm
 from iphyre_jax.train.settings.agents import A2C, DDPG, DQN, PPO, SAC, Settings
 from iphyre_jax.train.settings.presets import AGENTS, PresetName
 from iphyre_jax.train.settings.run import TrainConfig, preset
+from tests.cases import further_but
 from tests.train.algos.probes import Probe, first_state, fitted, greedy_actions, learned, observations, play
 
 PLANNING: dict[str, tuple[Settings, dict[str, Any]]] = {
@@ -92,13 +92,8 @@ def early_or_late(scene: np.ndarray, k: int, action: np.ndarray, good: np.ndarra
     return 1000.0 * np.exp(-np.square((15 * action[:, 0] - GOALS[scene]) / 2.5))
 
 
-def of_each_kind(names: Iterable[str], kept: set[str]) -> list[Any]:
-    """Those for every run of the tests; `make test-learners` tries the others too."""
-    return [pytest.param(name, marks=() if name in kept else pytest.mark.further) for name in names]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", of_each_kind(PLANNING, {"ppo time_grid", "ddpg"}))
+@pytest.mark.parametrize("name", further_but(PLANNING, "ppo time_grid", "ddpg"))
 def test_what_is_seen_decides_when(name: str) -> None:
     probe = Probe(("support", "spring"), 1, early_or_late)
     config = planner(name)
@@ -111,7 +106,7 @@ def right_so_far(k: int, action: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", of_each_kind(FLYING, {"a2c"}))
+@pytest.mark.parametrize("name", further_but(FLYING, "a2c"))
 def test_what_pays_later_is_learned(name: str) -> None:
     """Needs values that look ahead: a reward two decisions later is due to this one."""
     probe = Probe(("support",), 3, lambda scene, k, _, good: 1000.0 * (good & (k == 2)), right_so_far)
@@ -194,7 +189,7 @@ def test_ppo_loss_of_another_policy_by_hand() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", ["mlp", pytest.param("objects", marks=pytest.mark.further)])
+@pytest.mark.parametrize("network", further_but(("mlp", "objects"), "mlp"))
 def test_an_observation_of_many_decisions_is_seen_once(network: Any) -> None:
     """Loss and gradient are those of the same observation given anew for each decision."""
     config = planner("ppo time_grid", network=network)
@@ -298,7 +293,7 @@ def test_seeds_share_compiled_programs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ppo time_grid", pytest.param("dqn on the fly", marks=pytest.mark.further)])
+@pytest.mark.parametrize("name", further_but(("ppo time_grid", "dqn on the fly"), "ppo time_grid"))
 def test_the_same_seed_gives_the_same_bits_and_seeds_go_side_by_side(name: str) -> None:
     """Two learners under `vmap` learn what each learns alone."""
     config = flyer(name.split()[0]) if name.endswith("fly") else planner(name)
