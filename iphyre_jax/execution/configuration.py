@@ -27,7 +27,7 @@ class Configuration:
     """The settings that hold after `configure`.
 
     Attributes:
-        threads: groups of worlds that play side by side, while one more is packed or collected.
+        threads: cores that play.
         cache: folder of compiled programs, or None without one.
         compile_timeout: s, longest compilation of one program, or None for no limit.
     """
@@ -90,8 +90,8 @@ def configure(
     also gives the cache folder to JAX, which then keeps your own programs there too.
 
     Args:
-        devices: number of cores to play on, and of CPU devices that JAX shows if it has not started yet, 1 to 1024. One
-            thread more than that plays. By default all usable cores, and JAX's own number of devices.
+        devices: number of cores to play on, and of CPU devices that JAX shows if it has not started yet, 1 to 1024. By
+            default all usable cores, and JAX's own number of devices.
         cache: folder that keeps compiled programs between processes, made with mode 0700; False for none. By default
             the environment variable IPHYRE_JAX_CACHE (a folder, or "off"), else `iphyre_jax` in the user's cache folder
             (XDG_CACHE_HOME or ~/.cache). JAX keeps a folder that it already has.

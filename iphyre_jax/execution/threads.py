@@ -21,12 +21,21 @@ def _helpers(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="iphyre_jax")
 
 
+def most_helpers() -> int:
+    """Return how many helpers work beside the calling thread.
+
+    Where all cores play there is one thread more, so that no core waits while a group of worlds is packed or collected.
+    Where `configure` leaves cores to others, that thread would take one of them.
+    """
+    threads = configuration.threads()
+    return threads if threads >= configuration.usable_cores() else threads - 1
+
+
 def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Run `work` on all items and return the results in order.
 
-    The configured number of helpers take items, and so does the calling thread, because a helper takes time to wake. So
-    there is one thread more than there are cores, and no core waits while a group of worlds is packed or collected. An
-    error or an interrupt is raised when the running items have ended; the others are dropped.
+    Helpers take items, and so does the calling thread, because a helper takes time to wake. An error or an interrupt is
+    raised when the running items have ended; the others are dropped.
     """
     check_fork()
     given = list(items)
@@ -41,11 +50,11 @@ def run_all(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Resul
             stop.set()
             raise
 
-    threads = configuration.threads()
+    most = most_helpers()
     helpers: list[Future[None]] = []
     try:
-        for _ in range(min(threads, len(given) - 1)):
-            helpers.append(_helpers(threads).submit(take))
+        for _ in range(min(most, len(given) - 1)):
+            helpers.append(_helpers(most).submit(take))
         take()
     except BaseException:
         stop.set()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from iphyre_jax.execution import threads
+from iphyre_jax.execution import configuration, threads
 from iphyre_jax.execution.threads import run_all
 
 
@@ -91,3 +91,19 @@ def test_an_interrupt_of_the_wait_is_raised_when_the_running_items_have_ended(mo
 def test_calls_within_calls_end() -> None:
     """Every helper may be waiting for helpers: whoever asks works too."""
     assert run_all(lambda k: sum(run_all(lambda j: j * k, range(10))), range(10)) == [45 * k for k in range(10)]
+
+
+@pytest.mark.parametrize(("devices", "cores", "most"), [(1, 4, 1), (3, 4, 3), (4, 4, 5), (1, 1, 2), (None, 2, 3)])
+def test_as_many_threads_play_as_there_are_devices_and_one_more_on_all_cores(
+    monkeypatch: pytest.MonkeyPatch, devices: int | None, cores: int, most: int
+) -> None:
+    monkeypatch.setattr(configuration._settings, "threads", devices)
+    monkeypatch.setattr(configuration, "usable_cores", lambda: cores)
+    together = threading.Barrier(most)
+
+    def work(_: int) -> int:
+        together.wait(timeout=60)
+        time.sleep(0.02)  # time for one thread too many to begin
+        return threading.get_ident()
+
+    assert len(set(run_all(work, range(4 * most)))) == most
