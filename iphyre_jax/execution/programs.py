@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +61,18 @@ class Program(Protocol):
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the results; traced."""
+
+
+@runtime_checkable
+class InPlaceProgram(Program, Protocol):
+    """A program that becomes an operation of the user's programs, see `machine_code`; the host does not call it."""
+
+    @property
+    def in_place(self) -> int:
+        """How many of its last arguments receive its results, one each."""
+
+    def example(self) -> tuple[npt.NDArray[Any], ...]:
+        """Return arguments with few rows. The process that compiles the program plays them first."""
 
 
 def pack_timing(timing: Timing) -> npt.NDArray[np.floating]:

@@ -21,6 +21,8 @@ BOUNDED_BY_NATURE = {
     "plan_stream": "numbers of eliminable blocks, up to six",
     "_package_game": "the games of the package",
     "_client": "no arguments",
+    "_libc": "no arguments",
+    "check_linking": "no arguments",
     "_devices": "no arguments",
     "_sharding": "no arguments",
     "machine": "no arguments",

@@ -51,6 +51,13 @@ class Executable:
         return tuple(np.asarray(shards[0]) for shards in results)
 
 
+def serialized(compiled: jax.stages.Compiled) -> bytes:
+    """Return a compiled function as `Executable` loads it."""
+    executable: Any = compiled.runtime_executable()
+    payload: bytes = executable.client.serialize_executable(executable)
+    return payload
+
+
 def give_back_memory() -> None:
     """Give freed memory back to the system; glibc keeps that of dropped programs, 20 MB each, until it is asked."""
     with contextlib.suppress(OSError, AttributeError):  # another C library

@@ -29,7 +29,8 @@ from iphyre_jax.execution.compilation.compiler import CompilationError, Job, com
 from iphyre_jax.execution.compilation.description import describe, source_sum
 from iphyre_jax.execution.compilation.options import options_for
 from iphyre_jax.execution.forks import check_fork
-from iphyre_jax.execution.programs import Program
+from iphyre_jax.execution.machine_code.linked import LinkedProgram
+from iphyre_jax.execution.programs import InPlaceProgram, Program
 
 Run = Callable[..., Arrays]
 
@@ -39,13 +40,28 @@ PATIENCE: Final = 300.0  # s, that another process may take to compile what this
 TELL_EVERY: Final = 60.0  # s of compilation, where there is no terminal
 SLOW: Final = "ten and more moving objects take minutes; configure(compile_timeout=...) sets a limit"
 
-_loaded: dict[Program, Run] = {}
+_loaded: dict[Program, Run | LinkedProgram] = {}
 _in_flight: dict[Program, threading.Event] = {}
 _lock = threading.Lock()
 
 
 def executable(program: Program) -> Run:
     """Return a program as a function of NumPy arrays; it is compiled if necessary."""
+    run = _ready(program)
+    if isinstance(run, LinkedProgram):
+        raise TypeError(f"program: expected one that the host calls, got {program}")
+    return run
+
+
+def linked(programs: Sequence[Program]) -> list[LinkedProgram] | None:
+    """Return programs as parts of the user's program; they are compiled if necessary. None if one cannot be linked."""
+    prepare(programs)
+    runs = [_ready(program) for program in programs]
+    found = [run for run in runs if isinstance(run, LinkedProgram)]
+    return found if len(found) == len(runs) else None
+
+
+def _ready(program: Program) -> Run | LinkedProgram:
     while (run := _loaded.get(program)) is None:
         prepare([program])
     return run
@@ -93,7 +109,7 @@ def _load_or_compile(programs: Sequence[Program]) -> None:
         _load_all(programs, Path(temporary))
 
 
-def _keep(program: Program, run: Run) -> None:
+def _keep(program: Program, run: Run | LinkedProgram) -> None:
     with _lock:
         dropped = [_loaded.pop(old) for old in list(_loaded)[: max(0, len(_loaded) + 1 - LOADED)]]
         _loaded[program] = run
@@ -168,7 +184,7 @@ def _load(program: Program, path: Path, key: Mapping[str, Any]) -> bool:
     if payload is None:
         return False
     try:
-        run = Executable(payload)
+        run = LinkedProgram(payload, program.in_place) if isinstance(program, InPlaceProgram) else Executable(payload)
     except Exception:  # another jaxlib wrote it, or this one lacks the calls that load it
         return False
     _keep(program, run)

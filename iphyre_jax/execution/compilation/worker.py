@@ -15,8 +15,10 @@ from typing import Any, Final
 import jax
 
 from iphyre_jax.execution.compilation.cache_folder import write_entry
+from iphyre_jax.execution.compilation.client import serialized
 from iphyre_jax.execution.compilation.description import from_description, source_sum, source_sums, sum_of
-from iphyre_jax.execution.programs import Program
+from iphyre_jax.execution.machine_code.trial import compile_in_place
+from iphyre_jax.execution.programs import InPlaceProgram, Program
 from iphyre_jax.execution.requests import next_request, open_answers, request_lines, send
 
 IDLE_SECONDS: Final = 60.0
@@ -27,10 +29,9 @@ CLEAR_AFTER: Final = 16  # programs; JAX keeps what it knows of each
 def compile_program(program: Program) -> bytes:
     """Return the executable of a program, serialised."""
     with jax.enable_x64(program.dtype == "float64"):
-        lowered = jax.jit(program.run, keep_unused=True).lower(*program.arguments())
-        executable: Any = lowered.compile().runtime_executable()
-    payload: bytes = executable.client.serialize_executable(executable)
-    return payload
+        if isinstance(program, InPlaceProgram):
+            return compile_in_place(program)
+        return serialized(jax.jit(program.run, keep_unused=True).lower(*program.arguments()).compile())
 
 
 def _answer(line: bytes) -> dict[str, Any]:
