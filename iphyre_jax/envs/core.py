@@ -61,8 +61,8 @@ class Environment:
         autoreset: whether `step` begins a new episode when one ends.
         final_observation: whether `info` has the observation at the end of a decision, before any reset.
         limits: of its scenes: rows of an observation, slots of the strategy.
-        backend: "host", a callback inside your program, at full speed on a CPU; "xla", a part of your program, for
-            accelerators and forward derivatives.
+        backend: "host", a callback inside your program, on all cores of a CPU; "xla", a part of your program, on any
+            device, also for forward derivatives.
 
     Raises:
         ValueError: an attribute is not as said here; one line.

@@ -106,6 +106,11 @@ class TracedStep:
         return _scene_layout(self.topologies, topology, self.limits, self.dtype)
 
     @property
+    def scene_parts(self) -> tuple[tuple[int, str], ...]:
+        """Rows and dtype of the two parts of the largest scene."""
+        return tuple(zip(self.scene_rows, (WORD[self.dtype].name, self.dtype), strict=True))
+
+    @property
     def scene_rows(self) -> tuple[int, int]:
         """Rows of the two parts of the largest scene."""
         return _most_rows([self.scene_layout(topology) for topology in self.topologies])

@@ -12,10 +12,12 @@ import pytest
 
 import iphyre_jax
 from iphyre_jax.envs.batching.status import GAME, SUCCESS
-from iphyre_jax.envs.traced import batch, cpu_batch
+from iphyre_jax.envs.traced import batch, cpu_batch, cpu_groups
 from iphyre_jax.envs.traced.step import Episode, StepInput
+from iphyre_jax.envs.traced.step_program import linked_steps
 from iphyre_jax.envs.traced.worlds import TracedParams, TracedState, TracedWorlds
 from iphyre_jax.execution.layout import Parts
+from iphyre_jax.execution.machine_code.linking import can_link
 from iphyre_jax.execution.one_function import in_one_function
 from iphyre_jax.scenes.compile import step_timing
 from tests.trees import assert_equal_trees
@@ -37,7 +39,7 @@ def begun(now: Episode, starts: Episode, follows: Any = FOLLOWS) -> Episode:
     request = jnp.zeros((len(WORLDS), 3), jnp.int32)
     given = StepInput(Parts(now.state.whole[WORLDS], now.state.numbers[WORLDS]), request, NEXT, FIRST_GAME)
     given = jax.tree.map(jnp.asarray, given)
-    return cpu_batch.begin(now, starts, given, jnp.asarray(follows), jnp.asarray(WORLDS))
+    return cpu_groups.begin(now, starts, given, jnp.asarray(follows), jnp.asarray(WORLDS))
 
 
 def expected(now: Any, starts: Any, game: bool) -> Any:
@@ -83,7 +85,7 @@ def test_without_an_end_all_stays() -> None:
         pytest.param(["hole"], 130, marks=pytest.mark.further),
     ],
 )
-def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> None:
+def test_accelerators_and_linked_programs_play_the_same_in_groups(names: list[str], worlds: int) -> None:
     """Episodes in several groups of lanes, a part of which end and begin anew, to the last bit."""
     iphyre_jax.register("groups-v1", names, overwrite=True)
     with jax.enable_x64(True):
@@ -103,6 +105,11 @@ def test_accelerators_play_the_same_in_groups(names: list[str], worlds: int) -> 
         on_cpu = jax.jit(partial(cpu_batch.play_on_cpu, step, in_one_function))(shared, given)
         elsewhere = jax.jit(partial(batch._play_groups, step))(shared, given)
         on_cpu, elsewhere = jax.tree.map(np.asarray, (on_cpu, elsewhere))
+        programs = linked_steps(step, worlds, len(params.topology_id))
+        assert bool(programs) == can_link()
+        if programs:
+            linked = jax.jit(partial(cpu_batch.play_linked, programs, step))(shared, given)
+            assert_equal_trees(on_cpu, jax.tree.map(np.asarray, linked))
     assert 0 < (on_cpu.status[:, SUCCESS] != 0).sum() < worlds
     assert_equal_trees(on_cpu, elsewhere)
 

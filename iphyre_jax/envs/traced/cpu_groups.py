@@ -1,0 +1,147 @@
+"""Groups of worlds of one topology on a CPU, inside the user's program.
+
+A group reads the rows of its worlds, plays, and writes them where they were; other rows are not touched.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from iphyre_jax.envs.batching.status import GAME
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
+from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
+from iphyre_jax.execution.programs import episode_layout
+from iphyre_jax.physics.lanes import read, visit_any, write
+from iphyre_jax.physics.types import Timing, Topology
+
+
+class Given(NamedTuple):
+    """What a batch plays, one world a row; its states apart, which change in place."""
+
+    timing: Timing
+    games: Games
+    game_count: jax.Array  # () int32, rows of `games`; its arrays may be declared longer, see `TopologyStep`
+    order: jax.Array  # (B,) int32, the worlds sorted by topology and game
+    request: jax.Array  # (B, words) int32, see `StepInput`
+    next_game: jax.Array  # (B,) int32
+    first_game: jax.Array  # (B,) int32
+
+
+@dataclass(frozen=True)
+class Group:
+    """The worlds of one topology that are played side by side."""
+
+    world: jax.Array  # (lanes,) int32, the world that each lane plays; spare lanes play the last one again
+    count: jax.Array  # () int32, lanes that are not spare, the first ones
+    neighbours: bool  # whether the worlds follow each other in the batch, and no lane is spare
+
+    def read(self, table: jax.Array, width: int) -> jax.Array:
+        """Return the first columns of the worlds' rows, (width, lanes); table: (B, columns)."""
+        if not self.neighbours:
+            return read_columns(table, self.world, width)
+        return jax.lax.dynamic_slice(table, (self.world[0], jnp.int32(0)), (self.world.shape[0], width)).T
+
+    def write(self, lanes: jax.Array, table: jax.Array) -> jax.Array:
+        """Return a table, (B, columns), with what is in lanes, (width, lanes), in the first columns of the worlds."""
+        if not self.neighbours:
+            return write_columns(lanes, table, self.world, self.count)
+        return write_transposed(lanes, table, self.world[0])
+
+
+def play_group(
+    step: TracedStep,
+    topology: Topology,
+    lanes: int,
+    neighbours: bool,
+    batch: Given,
+    last: jax.Array,
+    first: jax.Array,
+    out: StepOutput,
+) -> StepOutput:
+    """Play the next worlds of a topology.
+
+    Args:
+        step: what is played.
+        topology: of the worlds.
+        lanes: worlds side by side.
+        neighbours: see `Group`.
+        batch: what is played.
+        last: () int32, the place in the order after the last world of the topology.
+        first: () int32, the place of the first world to play.
+        out: the states of all worlds before the decision; receives what the group leaves.
+    """
+    games = batch.games
+    at = jnp.minimum(first + jnp.arange(lanes, dtype=jnp.int32), last - 1)
+    world = batch.order.at[at].get(mode="promise_in_bounds")
+    group = Group(world, jnp.minimum(lanes, last - first), neighbours)
+    given = _read(step, topology, batch, group, out.now.state)
+    row = row_of(batch.game_count, given.first_game + given.state.whole[GAME].astype(jnp.int32))
+    tables, follows = step.play(topology, batch.timing, _scenes(step, topology, games, row), None, given)
+    out = jax.tree.map(group.write, tables, out)
+    follows = follows & (jnp.arange(lanes) < group.count)
+    return out._replace(now=begin(out.now, games.start, given, follows, world))
+
+
+def row_of(game_count: jax.Array | int, row: jax.Array) -> jax.Array:
+    """Return rows of the table of games; an episode of other parameters may name one that is not there."""
+    return jnp.clip(row, 0, game_count - 1)
+
+
+def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, states: Parts) -> StepInput:
+    """Return what the worlds of a group play, lanes behind; states have no more rows than the topology needs."""
+    whole, numbers = episode_layout(topology, step.dtype).part_rows
+    state = Parts(group.read(states.whole, step.status_words + whole), group.read(states.numbers, numbers))
+    request = group.read(batch.request, batch.request.shape[1])
+    own = (rows.at[group.world].get(mode="promise_in_bounds") for rows in (batch.next_game, batch.first_game))
+    return StepInput(state, request, *own)
+
+
+def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) -> Parts:
+    """Return the scenes of lanes, (rows, lanes); row: (lanes,) of the table of games.
+
+    Of few games each is looked up once, and put into all of its lanes.
+    """
+    widths, tables = step.scene_layout(topology).part_rows, games.scenes
+    count, lanes = games.topology_id.shape[0], len(row)
+    if count > lanes:  # each lane may have a game of its own
+        return Parts(*(read_columns(part, row, width) for part, width in zip(tables, widths, strict=True)))
+
+    def of_game(game: jax.Array) -> tuple[jax.Array, ...]:
+        parts = zip(read(tables, game), widths, strict=True)
+        return tuple(jnp.broadcast_to(part[:width, None], (width, lanes)) for part, width in parts)
+
+    if count == 1:
+        return Parts(*of_game(jnp.int32(0)))
+
+    def fill(carry: tuple[jax.Array, tuple[jax.Array, ...]]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        left, scenes = carry
+        game = jnp.max(jnp.where(left, row, 0))
+        here = row == game
+        return left & ~here, jax.tree.map(lambda new, old: jnp.where(here[None], new, old), of_game(game), scenes)
+
+    game = row[0]
+    _, scenes = jax.lax.while_loop(lambda carry: jnp.any(carry[0]), fill, (row != game, of_game(game)))
+    return Parts(*scenes)
+
+
+def begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, world: jax.Array) -> Episode:
+    """Return episodes, one a row, some of them begun: their rows, and nothing else, are replaced.
+
+    Args:
+        now: episodes.
+        starts: of all games, before their first step.
+        given: of the lanes.
+        follows: (lanes,) bool, where the next game begins.
+        world: (lanes,) int32, row of each lane's episode.
+    """
+
+    def copy(lane: jax.Array, now: Episode) -> Episode:
+        game = given.next_game[lane]
+        start = read(starts, given.first_game[lane] + game)
+        return write(now, world[lane], start.of_game(game))
+
+    return visit_any(follows, copy, now)
