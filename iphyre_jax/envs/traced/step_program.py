@@ -69,7 +69,7 @@ class TopologyStep:
         return tuple(jax.tree.leaves(self._shapes()))
 
     def example(self) -> tuple[npt.NDArray[Any], ...]:
-        """Return the leaves of what `_play` takes, of two groups that make no step."""
+        """Return the leaves of what `_play` takes, of two groups that make no step, but begin anew: all are solved."""
         worlds = self.lanes * 2 if self.neighbours else self.lanes + 1
 
         def zeros(leaf: jax.Array) -> npt.NDArray[Any]:
@@ -77,6 +77,8 @@ class TopologyStep:
 
         (batch, first, last), out = jax.tree.map(zeros, self._shapes())
         batch = batch._replace(game_count=last + 1, order=np.arange(worlds, dtype=np.int32))
+        solved = out.now.state._replace(whole=np.ones_like(out.now.state.whole))
+        out = out._replace(now=out.now._replace(state=solved))
         return tuple(jax.tree.leaves((batch, first, last + worlds, out)))
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:

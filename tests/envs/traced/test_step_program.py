@@ -117,3 +117,19 @@ def test_the_plain_form_plays_the_same(tmp_path: Path, monkeypatch: pytest.Monke
         plain = played()
     cpu_batch._play.clear_cache()
     assert_equal_trees(linked, plain)
+
+
+@pytest.mark.slow
+def test_the_example_begins_episodes_anew(wanted: list[TopologyStep]) -> None:
+    """So what the compiling process plays first writes every table."""
+    linked_steps(traced(["hole"]), 7, 1)
+    (program,) = wanted
+    (play,) = executables.linked([program]) or [None]
+    assert play is not None
+    (batch, first, last), out = jax.tree.unflatten(jax.tree.structure(program._shapes()), program.example())
+    start = batch.games.start._replace(obs=np.full_like(batch.games.start.obs, 7))
+    batch = batch._replace(games=batch.games._replace(start=start))
+    tables = jax.jit(play)(*jax.tree.leaves((batch, first, last, out)))
+    obs = np.asarray(tables[2])
+    assert obs.shape == (program.lanes + 1, 122)
+    assert (obs == 7).all()
