@@ -11,7 +11,6 @@ import mmap
 import platform
 import struct
 import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Final, NamedTuple
@@ -186,10 +185,10 @@ def _new_memory(size: int) -> int:
 
 def _function(name: str) -> int:
     """Return the address of a function of the C library, or of its mathematical part."""
-    for library in (_libc(), ctypes.CDLL("libm.so.6")):
-        with suppress(AttributeError):
-            return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
-    raise ValueError(f"object file: expected functions of the C library, got {name}")
+    library = _libc() if hasattr(_libc(), name) else ctypes.CDLL("libm.so.6")
+    if not hasattr(library, name):
+        raise ValueError(f"object file: expected functions of the C library, got {name}")
+    return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
 
 
 def _aligned(size: int, to: int = ALIGNMENT) -> int:

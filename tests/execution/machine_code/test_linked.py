@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax._src import compilation_cache
 
 from iphyre_jax.execution.compilation.client import serialized
 from iphyre_jax.execution.machine_code import kernel, linked, trial
@@ -48,10 +49,10 @@ def given(rows: int, seed: int = 0) -> tuple[jax.Array, jax.Array, jax.Array]:
 @pytest.fixture(scope="module", autouse=True)
 def compiled_here() -> Iterator[None]:
     """An executable from JAX's own cache has no object file; compiler processes have no such cache."""
-    before = jax.config.jax_enable_compilation_cache
-    jax.config.update("jax_enable_compilation_cache", False)
-    yield
-    jax.config.update("jax_enable_compilation_cache", before)
+    with pytest.MonkeyPatch.context() as patch:  # JAX looks at its setting only once, before the first program
+        patch.setattr(compilation_cache, "_cache_checked", True)
+        patch.setattr(compilation_cache, "_cache_used", False)
+        yield
 
 
 def payload_of(function: Any, *shapes: Any, donated: tuple[int, ...] = ()) -> bytes:
