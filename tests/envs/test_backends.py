@@ -82,6 +82,17 @@ def test_both_backends_tell_the_same(strategy: str, games: str, options: dict[st
 
 @pytest.mark.slow
 @pytest.mark.further
+def test_both_backends_tell_the_same_of_all_games() -> None:
+    told = []
+    with jax.enable_x64(True):
+        for backend in BACKENDS:
+            env, params = iphyre_jax.make("on-the-fly/all-v1", dtype="float64", backend=backend, final_observation=True)
+            told.append(played(env, params, actions_of(env, (160, 80))))
+    assert_equal_trees(*told)
+
+
+@pytest.mark.slow
+@pytest.mark.further
 @pytest.mark.parametrize("kernels", [False, True])
 def test_what_accelerators_do_for_several_games(two: str, kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """All lanes choose between their episode and the next one, where a CPU copies rows; with kernels the worlds of all
