@@ -133,5 +133,7 @@ def linked_steps(step: TracedStep, worlds: int, games: int) -> list[LinkedProgra
     for topology_id, topology in enumerate(step.topologies):
         lanes = linked_lanes(topology)
         known = 1 if games == 1 else lanes if games <= lanes else MOST_ROWS
-        wanted.append(TopologyStep(step, topology_id, lanes, known, alone and not worlds % lanes))
+        # One block of rows that goes into two tables, XLA does not write in place: it would write the whole tables.
+        neighbours = alone and not worlds % lanes and not step.keep_final
+        wanted.append(TopologyStep(step, topology_id, lanes, known, neighbours))
     return linked(wanted)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,19 @@ def test_whole_groups_of_one_game_are_neighbours(wanted: list[TopologyStep]) -> 
     step = traced(["hole"])
     for worlds, games in ((256, 1), (250, 1), (256, 2)):
         linked_steps(step, worlds, games)
-    assert [program.neighbours for program in wanted] == [True, False, False]
+    linked_steps(replace(step, keep_final=True), 256, 1)
+    assert [program.neighbours for program in wanted] == [True, False, False, False]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:programs are compiled in this process")
+def test_a_program_that_writes_whole_tables_is_found_out(wanted: list[TopologyStep]) -> None:
+    """Its example ends the process that compiles it, and not this one."""
+    linked_steps(traced(["hole"]), 7, 1)
+    (program,) = wanted
+    final = replace(program.step, keep_final=True)
+    assert executables.linked([replace(program, step=final)])
+    assert executables.linked([replace(program, step=final, neighbours=True)]) is None
 
 
 def test_more_rows_than_a_program_is_made_for_are_not_linked(wanted: list[TopologyStep]) -> None:
