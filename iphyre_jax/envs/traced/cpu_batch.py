@@ -57,12 +57,12 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     # What the compiler knows of the batch it must not use: it would take loops and tables apart, see above.
     last = jnp.where(timing.dt > 0, last, 0)
     # Rows of worlds that follow each other are read as one.
-    whole_groups = one_game(games.topology_id, topologies) and (size <= LANES or not size % LANES)
+    alone = one_game(games.topology_id.shape[0], topologies)
+    whole_groups = alone and (size <= LANES or not size % LANES)
     for k, topology in enumerate(step.topologies):
         first = last[k - 1] if k else jnp.int32(0)
         lanes = min(size, LANES if whole_groups else cpu_lanes(topology, size, topologies))
-        neighbours = one_game(games.topology_id, topologies) and not size % lanes
-        play = partial(call, partial(play_group, step, topology, lanes, neighbours), batch, last[k])
+        play = partial(call, partial(play_group, step, topology, lanes, alone and not size % lanes), batch, last[k])
         if lanes == size and whole_groups:
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
             # outside of loops and branches.

@@ -55,9 +55,9 @@ def run_sorted(
     return jax.lax.fori_loop(0, groups.count, run_group, out)
 
 
-def one_game(topology_id: jax.Array, topologies: int) -> bool:
-    """Return whether all worlds certainly play one game, of the one topology; topology_id: (games,) of each game."""
-    return topology_id.shape[0] == topologies == 1
+def one_game(games: int, topologies: int) -> bool:
+    """Return whether all worlds certainly play one game, of the one topology."""
+    return games == topologies == 1
 
 
 def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tuple[jax.Array, jax.Array]:
@@ -74,7 +74,7 @@ def sort_by_game(topology_id: jax.Array, row: jax.Array, topologies: int) -> tup
         The order, and for each topology the place after its last world, (topologies,) int32.
     """
     games, worlds = topology_id.shape[0], row.shape[0]
-    if one_game(topology_id, topologies):
+    if one_game(games, topologies):
         return jnp.arange(worlds, dtype=jnp.int32), jnp.full(1, worlds, jnp.int32)
     own = topology_id[row]
     keys = own * games + row if topologies * games * worlds <= _LARGEST else own

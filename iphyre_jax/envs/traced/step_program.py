@@ -7,7 +7,7 @@ writes those of its worlds alone. So a batch of any size takes the same machine 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import jax
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.envs.traced.cpu_groups import Given, play_group
+from iphyre_jax.envs.traced.sorting import one_game
 from iphyre_jax.envs.traced.step import Games, StepOutput, TracedStep
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.compilation.executables import linked
@@ -62,11 +63,11 @@ class TopologyStep:
     @property
     def in_place(self) -> int:
         """How many of its last arguments receive its results: the tables of `StepOutput`."""
-        return len(jax.tree.leaves(self._shapes()[1]))
+        return len(jax.tree.leaves(self._shapes[1]))
 
     def arguments(self) -> programs.Shapes:
         """Return the shapes of the leaves of what `_play` takes."""
-        return tuple(jax.tree.leaves(self._shapes()))
+        return tuple(jax.tree.leaves(self._shapes))
 
     def example(self) -> tuple[npt.NDArray[Any], ...]:
         """Return the leaves of what `_play` takes, of two groups that make no step, but begin anew: all are solved."""
@@ -75,7 +76,7 @@ class TopologyStep:
         def zeros(leaf: jax.Array) -> npt.NDArray[Any]:
             return np.zeros([min(leaf.shape[0], worlds), *leaf.shape[1:]] if leaf.shape else [], leaf.dtype)
 
-        (batch, first, last), out = jax.tree.map(zeros, self._shapes())
+        (batch, first, last), out = jax.tree.map(zeros, self._shapes)
         batch = batch._replace(game_count=last + 1, order=np.arange(worlds, dtype=np.int32))
         solved = out.now.state._replace(whole=np.ones_like(out.now.state.whole))
         out = out._replace(now=out.now._replace(state=solved))
@@ -83,7 +84,7 @@ class TopologyStep:
 
     def run(self, *arguments: jax.Array) -> tuple[jax.Array, ...]:
         """Return the leaves of what `_play` returns."""
-        given, out = jax.tree.unflatten(jax.tree.structure(self._shapes()), arguments)
+        given, out = jax.tree.unflatten(jax.tree.structure(self._shapes), arguments)
         return tuple(jax.tree.leaves(in_one_function(self._play, *given, in_place=(out,))))
 
     def _play(self, batch: Given, first: jax.Array, last: jax.Array, out: StepOutput) -> StepOutput:
@@ -102,6 +103,7 @@ class TopologyStep:
 
         return jax.lax.fori_loop(0, (last - first + self.lanes - 1) // self.lanes, play_next, out)
 
+    @cached_property
     def _shapes(self) -> tuple[tuple[Given, jax.Array, jax.Array], StepOutput]:
         """Return the shapes of what `_play` takes."""
 
@@ -128,7 +130,7 @@ def linked_steps(step: TracedStep, worlds: int, games: int) -> list[LinkedProgra
     """
     if not can_link() or max(worlds, games) > MOST_ROWS:
         return None
-    alone = games == len(step.topologies) == 1
+    alone = one_game(games, len(step.topologies))
     wanted = []
     for topology_id, topology in enumerate(step.topologies):
         lanes = linked_lanes(topology)

@@ -107,6 +107,11 @@ def _sharding() -> SingleDeviceSharding:
     return SingleDeviceSharding(_devices()[0])
 
 
+def aligned_size(size: int, alignment: int = ALIGNMENT) -> int:
+    """Return the bytes that something of so many takes, if the next thing behind it is aligned."""
+    return size + -size % alignment
+
+
 def aligned(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return an array of zeros that executables take without a copy."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize

@@ -11,7 +11,8 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from iphyre_jax.execution.machine_code.kernel import ALIGNMENT, Kernel, Memory
+from iphyre_jax.execution.compilation.client import ALIGNMENT, aligned_size
+from iphyre_jax.execution.machine_code.kernel import Kernel, Memory
 
 # Offsets in bytes. In XLA's frame: its extensions, the interface, and the pointers to arguments and results.
 _EXTENSIONS, _API, _ARGUMENTS, _RESULTS = 8, 16, 72, 112
@@ -55,7 +56,7 @@ def handler_code(function: int, kernel: Kernel, constants: int, groups: int) -> 
     size = _FRAME_SIZE + _ARGUMENT_SIZE * len(buffers)
     code = [
         *(_load(_RAX, _RDI, _EXTENSIONS), _IS_NULL, _jump_if_zero(b"".join(tell_version)), *tell_version),
-        *(_ENTER, _subtract_from_rsp(size + -size % ALIGNMENT)),
+        *(_ENTER, _subtract_from_rsp(aligned_size(size))),
         *(_load(_RDX, _RDI, _ARGUMENTS), _load(_RSI, _RDI, _RESULTS)),
         *(_set_rax(groups), _store(_RSP, _GROUPS, _RAX), _set_rax(groups + 24), _store(_RSP, _OWN_GROUP, _RAX)),
         *(_set_rax(len(buffers)), _store(_RSP, _COUNT, _RAX)),

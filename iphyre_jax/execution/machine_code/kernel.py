@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
+from iphyre_jax.execution.compilation.client import aligned_size
 from iphyre_jax.execution.machine_code.protobuf import Message, read_varint
 
-ALIGNMENT: Final = 64  # bytes, of every buffer
 # Fields of a literal that hold its numbers, as they are in memory: flags, bytes, floating-point numbers.
 _PLAIN: Final = (2, 15, 3, 8, 9)
 _VARINTS: Final[Mapping[int, str]] = {4: "int32", 5: "int64", 6: "uint32", 7: "uint64"}  # those that are packed
@@ -134,8 +134,8 @@ def _memories(
             if len(content) != size:
                 raise ValueError(f"constant: expected {size} bytes, got {len(content)}")
             memories[index] = Memory.CONSTANT, 0, len(table)
-            table += content + bytes(-size % ALIGNMENT)
+            table += content.ljust(aligned_size(size), b"\0")
         elif not allocation.number(3):  # not within a thread
             memories[index] = Memory.SCRATCH, 0, scratch_size
-            scratch_size += size + -size % ALIGNMENT
+            scratch_size += aligned_size(size)
     return memories, table, scratch_size

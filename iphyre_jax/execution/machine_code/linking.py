@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, NamedTuple
 
-ALIGNMENT: Final = 64  # bytes, of what is put side by side
+from iphyre_jax.execution.compilation.client import aligned_size
+
 _PROGRAM, _SYMBOLS, _RELOCATIONS, _ZEROS = 1, 2, 4, 8  # types of sections
 _WRITTEN, _LOADED = 1, 2  # flags of sections
 # Types of relocations: the target's address, or how far it is from the place; format of what is stored there.
@@ -108,9 +109,9 @@ class Code:
                 if section.flags & _WRITTEN:
                     raise ValueError("object file: expected no memory that is written")
                 self._places[number] = size
-                size = _aligned(size + section.size)
-        self._room = _aligned(size + len(constants))
-        self._image = bytearray(_aligned(self._room + room, mmap.PAGESIZE))
+                size = aligned_size(size + section.size)
+        self._room = aligned_size(size + len(constants))
+        self._image = bytearray(aligned_size(self._room + room, mmap.PAGESIZE))
         self._start = _new_memory(len(self._image))
         self.constants, self.room = self._start + size, self._start + self._room  # their addresses
         for number, place in self._places.items():
@@ -189,7 +190,3 @@ def _function(name: str) -> int:
     if not hasattr(library, name):
         raise ValueError(f"object file: expected functions of the C library, got {name}")
     return ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
-
-
-def _aligned(size: int, to: int = ALIGNMENT) -> int:
-    return size + -size % to

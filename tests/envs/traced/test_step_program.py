@@ -139,7 +139,7 @@ def test_the_example_begins_episodes_anew(wanted: list[TopologyStep]) -> None:
     (program,) = wanted
     (play,) = executables.linked([program]) or [None]
     assert play is not None
-    (batch, first, last), out = jax.tree.unflatten(jax.tree.structure(program._shapes()), program.example())
+    (batch, first, last), out = jax.tree.unflatten(jax.tree.structure(program._shapes), program.example())
     start = batch.games.start._replace(obs=np.full_like(batch.games.start.obs, 7))
     batch = batch._replace(games=batch.games._replace(start=start))
     tables = jax.jit(play)(*jax.tree.leaves((batch, first, last, out)))
