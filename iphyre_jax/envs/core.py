@@ -319,7 +319,7 @@ class Environment:
             "success": status.success,
             "fault": status.fault,
             "eliminations": status.eliminations,
-            "time": jnp.take(seconds, status.steps, mode="clip"),
+            "time": jnp.take(seconds, status.step, mode="clip"),
             "game": status.game,
         }
 
@@ -347,7 +347,7 @@ class Environment:
         """Return the reward between two moments of an episode, () float32."""
         solved = (after.success & ~before.success).astype(jnp.float32)
         removed = (after.eliminations - before.eliminations).astype(jnp.float32)
-        seconds = (after.steps - before.steps).astype(jnp.float32) / self.protocol.fps
+        seconds = (after.step - before.step).astype(jnp.float32) / self.protocol.fps
         return SUCCESS_REWARD * solved + (ELIMINATION_REWARD * removed + SECOND_REWARD * seconds)
 
     def ending(self, status: Status) -> Ending:

@@ -17,11 +17,10 @@ import numpy.typing as npt
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.batching import cached_world
-from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, Pose, present_objects, scene_tables
 from iphyre_jax.observations.vectors import ObservationName
 from iphyre_jax.physics.shared_topologies import can_play, with_absent
-from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.physics.types import State, Topology, World
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 from iphyre_jax.scenes import Limits, Scene
 
@@ -174,14 +173,18 @@ class Worlds(ABC):
     def bodies(self, params: Any, state: Any) -> jax.Array:  # noqa: ANN401
         """Return x, y, angle, velocity x and y, and angular velocity of the moving bodies, (6, bodies)."""
 
+    @abstractmethod
+    def first_rows(self, topology: Topology) -> State:
+        """Return the first row that each array of numbers of a state has in an episode of a topology."""
+
     def body_rows(self, bodies: int) -> npt.NDArray[np.int32]:
-        """Return the rows of `episode_layout` that hold the numbers of `bodies`, (topologies, 6, bodies).
+        """Return the rows of an episode that hold the numbers of `bodies`, (topologies, 6, bodies).
 
         A body that a smaller topology lacks has the row of the first one; nobody sees it.
         """
         tables = []
         for topology in self.topologies:
-            state = episode_layout(topology, self.dtype).first_rows().state
+            state = self.first_rows(topology)
             velocity = state.motion.velocity
             starts = [state.position.x, state.position.y, state.angle, velocity.x, velocity.y]
             own = np.arange(bodies) * (np.arange(bodies) < topology.moving)

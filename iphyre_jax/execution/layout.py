@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -22,7 +22,45 @@ Number = TypeVar("Number", bound=np.generic)
 Words = npt.NDArray[np.signedinteger[Any]]
 
 BLOCK = 48  # rows transposed at a time: as many lines as the first cache holds of rows 512 bytes apart
+FLAGS = 32  # of a word
+BIT = np.left_shift(np.int32(1), np.arange(FLAGS, dtype=np.int32))
 WORD: dict[str, np.dtype[np.signedinteger[Any]]] = {"float32": np.dtype("int32"), "float64": np.dtype("int64")}
+
+
+def flag_words(count: int) -> int:
+    """Return how many words hold so many flags."""
+    return -(-count // FLAGS)
+
+
+def pack_flags(flags: Sequence[jax.Array] | jax.Array) -> list[jax.Array]:
+    """Return flags, each () bool, as bits of words, each () int32; lanes stay behind."""
+    words = []
+    for start in range(0, len(flags), FLAGS):
+        bits = [jnp.where(flag, BIT[k], 0) for k, flag in enumerate(flags[start : start + FLAGS])]
+        words.append(reduce(jnp.bitwise_or, bits))
+    return words
+
+
+def pack_numbers(numbers: jax.Array, flags: jax.Array, count: int) -> list[jax.Array]:
+    """Return the set of the numbers that have a flag, as bits of words, each () int32; lanes stay behind.
+
+    Args:
+        numbers: (n,) int32; those that are not in 0 .. count - 1 are left out.
+        flags: (n,) bool.
+        count: of the set's possible members.
+    """
+    words = []
+    for first in range(0, count, FLAGS):
+        place = numbers - first
+        bits = jnp.left_shift(jnp.int32(1), place.clip(0, FLAGS - 1))
+        words.append(reduce(jnp.bitwise_or, jnp.where(flags & (place >= 0) & (place < FLAGS), bits, 0)))
+    return words
+
+
+def unpack_flags(words: Sequence[jax.Array] | jax.Array, count: int) -> jax.Array:
+    """Return the first flags, (count,) bool, of words, (words,) integers; lanes stay behind."""
+    flags = [(words[k // FLAGS].astype(jnp.int32) & BIT[k % FLAGS]) != 0 for k in range(count)]
+    return jnp.stack(flags)
 
 
 class Parts(NamedTuple):
@@ -169,8 +207,8 @@ def write_transposed(table: jax.Array, out: jax.Array, first: jax.Array, column:
     return out
 
 
-def read_columns(source: jax.Array, rows: jax.Array, width: int) -> jax.Array:
-    """Return rows of a table as columns, (width, lanes), without those of the table behind; traced, for a CPU.
+def read_columns(source: jax.Array, rows: jax.Array, width: int, column: int = 0) -> jax.Array:
+    """Return rows of a table as columns, (width, lanes), without what is in front and behind; traced, for a CPU.
 
     A gather and a transposition take three times as long.
 
@@ -178,34 +216,36 @@ def read_columns(source: jax.Array, rows: jax.Array, width: int) -> jax.Array:
         source: (B, columns).
         rows: (lanes,) int32.
         width: columns to read.
+        column: first column to read.
     """
     out = jnp.zeros((width, rows.shape[0]), source.dtype)
     for start in range(0, width, BLOCK):
         size = min(BLOCK, width - start)
 
-        def column(k: jax.Array, out: jax.Array, start: int = start, size: int = size) -> jax.Array:
-            row = jax.lax.dynamic_slice(source, (rows[k], np.int32(start)), (1, size))
+        def read(k: jax.Array, out: jax.Array, start: int = start, size: int = size) -> jax.Array:
+            row = jax.lax.dynamic_slice(source, (rows[k], np.int32(column + start)), (1, size))
             return jax.lax.dynamic_update_slice(out, row.T, (np.int32(start), jnp.int32(k)))
 
-        out = jax.lax.fori_loop(0, rows.shape[0], column, out)
+        out = jax.lax.fori_loop(0, rows.shape[0], read, out)
     return out
 
 
-def write_columns(table: jax.Array, out: jax.Array, rows: jax.Array, count: jax.Array) -> jax.Array:
+def write_columns(table: jax.Array, out: jax.Array, rows: jax.Array, count: jax.Array, column: int = 0) -> jax.Array:
     """Return `out`, one world a row, with columns of a table written into it; traced, for a CPU.
 
     Args:
         table: (words, lanes).
-        out: (B, columns), at least as many columns as words.
+        out: (B, columns).
         rows: (lanes,) int32, where each column goes.
-        count: () int32, columns to write, the first ones.
+        count: () int32, columns of the table to write, the first ones.
+        column: first column of `out` to write.
     """
     for start in range(0, table.shape[0], BLOCK):
         block = table[start : start + BLOCK]
 
         def row(k: jax.Array, out: jax.Array, start: int = start, block: jax.Array = block) -> jax.Array:
             own = jax.lax.dynamic_slice(block, (np.int32(0), jnp.int32(k)), (block.shape[0], 1))
-            return jax.lax.dynamic_update_slice(out, own.T, (rows[k], np.int32(start)))
+            return jax.lax.dynamic_update_slice(out, own.T, (rows[k], np.int32(column + start)))
 
         out = jax.lax.fori_loop(0, count, row, out)
     return out

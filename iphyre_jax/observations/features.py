@@ -18,7 +18,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, object_rows, scene_features
+from iphyre_jax.observations.official import (
+    COLUMNS,
+    JOINT_COLUMN,
+    LENGTH_COLUMNS,
+    SPRING_COLUMN,
+    object_rows,
+    scene_features,
+)
 from iphyre_jax.physics import lanes
 from iphyre_jax.physics.types import Motion, Topology
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
@@ -59,6 +66,11 @@ class Features:
     joints: jax.Array  # (J, 12) bool, the two objects of each joint
     springs: jax.Array  # (P, 12) bool, of each spring
     candidates: jax.Array  # (6, 2) float32, centres of the eliminable blocks / 600, then zeros
+
+    @property
+    def objects(self) -> int:
+        """Rows of the official table."""
+        return self.joints.shape[1]
 
 
 def scene_tables(scene: Scene, topologies: Sequence[Topology], dtype: str) -> Features:
@@ -190,9 +202,8 @@ def motion(features: Features, own_speeds: Sequence[jax.Array], step: jax.Array,
         step: () int32, steps made.
         steps: () physics steps of a whole episode.
     """
-    objects = features.obs_rows.shape[0]
-    index = lanes.iota(objects, step)
-    table = jnp.zeros((objects, 3, *step.shape), jnp.float32)
+    index = lanes.iota(features.objects, step)
+    table = jnp.zeros((features.objects, 3, *step.shape), jnp.float32)
     for mover, speed in zip(features.mover, own_speeds, strict=True):
         table = jnp.where((index == mover[None])[:, None], speed[None], table)
     time = step.astype(jnp.float32) * (1 / steps.astype(jnp.float32))  # as the compiler rewrites the division
@@ -243,7 +254,7 @@ def _table(
         whole = jax.lax.optimization_barrier(jnp.pad(ends, [(0, start.shape[1] - 4)] + [(0, 0)] * (ends.ndim - 1)))
         here = (index == features.mover[body][None])[:, None] & (column < 4)
         table = jnp.where(here, whole[None], table)
-    for pair_column, member, number in zip((7, 8), _members(features), numbers, strict=True):
+    for pair_column, member, number in zip((JOINT_COLUMN, SPRING_COLUMN), _members(features), numbers, strict=True):
         if member.shape[0]:
             table = jnp.where(column == pair_column, number[:, None], table)
     return jnp.where(present[:, None], table, jnp.zeros((), table.dtype))

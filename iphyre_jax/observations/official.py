@@ -22,6 +22,7 @@ from iphyre_jax.scenes import Scene
 
 COLUMNS = 9
 LENGTH_COLUMNS = 5  # x1, y1, x2, y2, radius: divided by the side of the screen
+JOINT_COLUMN, SPRING_COLUMN = 7, 8
 
 Floats = npt.NDArray[np.floating[Any]]
 

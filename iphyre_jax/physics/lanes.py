@@ -139,3 +139,8 @@ def visit_any(flags: jax.Array, body: Callable[[jax.Array, Carry], Carry], carry
 
     start = *take_first(any_lane(flags)), carry
     return jax.lax.while_loop(lambda loop: loop[0] < flags.shape[0], turn, start)[2]
+
+
+def if_any(flags: jax.Array, body: Callable[[Carry], Carry], carry: Carry) -> Carry:
+    """Return body(carry) if any lane has a flag set, (*lanes,), else `carry`, which changes in place."""
+    return jax.lax.fori_loop(0, jnp.any(flags).astype(jnp.int32), lambda _, carry: body(carry), carry)

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from iphyre_jax.envs.batching.status import FAULT, GAME, PRESENT, STEP
 from iphyre_jax.envs.host.step_program import BODY_OBS
-from iphyre_jax.execution.layout import pieces, void
+from iphyre_jax.execution.layout import FLAGS, flag_words, pieces, void
 from iphyre_jax.observations.features import Features, motion_size, rows_size
-from iphyre_jax.observations.official import COLUMNS, LENGTH_COLUMNS, pair_number
+from iphyre_jax.observations.official import COLUMNS, JOINT_COLUMN, LENGTH_COLUMNS, SPRING_COLUMN, pair_number
 from iphyre_jax.observations.vectors import ObservationName, observation_size
 from iphyre_jax.rollouts import FAULT_NOT_FINITE
 
@@ -27,6 +27,7 @@ MOST_NUMBERS: Final = 2**22  # of rows by game and set, 8 bytes each; one call m
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.signedinteger[Any]]
+Sets = npt.NDArray[np.uint64]
 
 
 class HostObservations:
@@ -63,7 +64,7 @@ class HostObservations:
         """
         game, step, fault = status[:, GAME], status[:, STEP], status[:, FAULT]
         with self._lock:
-            ids, cached = self._find(game, status[:, PRESENT : PRESENT + len(self._powers)] != 0)
+            ids, cached = self._find(game, self._sets(status[:, PRESENT:]))
         pieces(out, 0, self.size)[:] = pieces(cached, 0, self.size)[ids]
         broken = np.flatnonzero(fault == FAULT_NOT_FINITE)
         out[broken, : self._rows] = 0
@@ -91,16 +92,26 @@ class HostObservations:
             else:
                 _windows(out, width)[where[rows]] = what[rows]
 
-    def _find(self, game: Ints, present: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.intp], Floats]:
-        """Return the row of each world in the cached rows, and these; missing ones are made."""
-        masks = present @ self._powers
+    def _sets(self, words: Ints) -> Sets:
+        """Return sets of present blocks as bits; words: (B, words), from the first of the set on."""
+        sets = np.zeros(len(words), np.uint64)
+        for word in range(flag_words(len(self._powers))):
+            bits = (words[:, word].astype(np.int64) & (2**FLAGS - 1)).astype(np.uint64)
+            sets |= bits << np.uint64(FLAGS * word)
+        return sets
+
+    def _find(self, game: Ints, masks: Sets) -> tuple[npt.NDArray[np.intp], Floats]:
+        """Return the row of each world in the cached rows, and these; missing ones are made.
+
+        masks: (B,), see `_sets`.
+        """
         known, table, rows = self._cache
         column = np.searchsorted(known, masks)
         if not len(known) or (known[np.minimum(column, len(known) - 1)] != masks).any():
             every = np.union1d(known, masks)
             if len(known) and len(table) * len(every) > MOST_NUMBERS:
                 self._cache = self._empty
-                return self._find(game, present)
+                return self._find(game, masks)
             wider = np.full((len(table), len(every)), -1, np.intp)
             wider[:, np.searchsorted(every, known)] = table
             known, table, column = every, wider, np.searchsorted(every, masks)
@@ -110,7 +121,7 @@ class HostObservations:
             missing = np.unique(np.stack([game, column])[:, ids < 0], axis=1)
             if len(rows) and len(rows) + missing.shape[1] > CACHED:
                 self._cache = self._empty
-                return self._find(game, present)
+                return self._find(game, masks)
             made = [self._row(one, (known[mask] & self._powers) != 0) for one, mask in missing.T.tolist()]
             numbers, rows = len(rows) + np.arange(len(made)), np.concatenate([rows, np.stack(made)])
             self._cache = known, table, rows
@@ -126,7 +137,7 @@ class HostObservations:
         for block, is_present in zip(np.asarray(features.slot_object)[game], present_slots, strict=True):
             if block >= 0 and not is_present:
                 present[block] = False
-        for column, pairs in ((7, features.joints), (8, features.springs)):
+        for column, pairs in ((JOINT_COLUMN, features.joints), (SPRING_COLUMN, features.springs)):
             table[:, column] = pair_number(np.asarray(pairs)[game], present) > 0
         table[~present] = 0
         row = np.zeros(self.size, np.float32)

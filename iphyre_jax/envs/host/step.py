@@ -91,7 +91,7 @@ class HostStep:
             scenes: (games, words), see `HostParams`.
             topology_id: (games,).
             episodes: (B, words), each begun with the scene that its game has here.
-            requests: (B, 2 slots + 1), see `EnvStep`, of the words' dtype.
+            requests: (B, words), see `EnvStep.request_words`, of the words' dtype.
             next_game: (B,) game of the episode that follows; -1 for none.
             out: receives the episodes (B, words), perhaps in place, their observations, and the packed status before
                 the decision and after it, before any reset.
@@ -158,7 +158,7 @@ class HostStep:
     def _set_starts(self, table: GameTable, scenes: Ints) -> None:
         """Compute each game's episode and observation before its first step; scenes: (games, words)."""
         games = np.arange(len(table.topology_id))
-        requests = np.full((len(games), 2 * self.slots + 1), -1, table.scenes[0].dtype)
+        requests = np.full((len(games), self.programs[0].request_words), -1, table.scenes[0].dtype)
         requests[:, self.slots], requests[:, self.slots + 1 :] = RESET, 0
         episodes = np.zeros((len(games), self.episode_words), table.scenes[0].dtype)
         episodes[:, 0] = games

@@ -8,7 +8,7 @@ A packed episode is a row: the words of its status, then those of its physics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, Final
 
@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax import rollouts
-from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
+from iphyre_jax.envs.batching.play_requests import request_words, run_requests, unpack_request
 from iphyre_jax.envs.batching.status import status_of, status_rows, status_words
 from iphyre_jax.execution import programs
 from iphyre_jax.execution.layout import Layout, write_transposed
@@ -74,8 +74,8 @@ class EnvStep:
 
     @property
     def request_words(self) -> int:
-        """Words of a request: a plan, `stop_step` or RESET, and the slots that are executed then."""
-        return 2 * self.slots + 1
+        """Words of a packed request; `stop_step` may be RESET."""
+        return request_words(self.slots)
 
     @property
     def most_worlds(self) -> int:
@@ -126,13 +126,14 @@ class EnvStep:
 
         always: () bool, True, which the compiler must not know.
         """
-        blocks, first = self.slots, status_words(self.slots)
+        first = status_words(self.slots)
         layout = programs.episode_layout(self.topology, self.dtype)
         episodes, requests = worlds[: self.episode_words], worlds[self.episode_words :].astype(jnp.int32)
-        plan, stop_step, executed = requests[:blocks], requests[blocks], requests[blocks + 1 :] != 0
-        episode = _reset_where(self.topology, world, stop_step == RESET, layout.unpack(episodes[first:]))
-        stop_step = jnp.where(stop_step == RESET, episode.state.step, stop_step)
-        episode = run_requests(self.topology, timing, world, PlayRequest(plan, stop_step), episode)
+        request, executed = unpack_request(requests, self.slots)
+        is_reset = request.stop_step == RESET
+        episode = _reset_where(self.topology, world, is_reset, layout.unpack(episodes[first:]))
+        request = replace(request, stop_step=jnp.where(is_reset, episode.state.step, request.stop_step))
+        episode = run_requests(self.topology, timing, world, request, episode)
         status = status_of(episodes[0].astype(jnp.int32), world, episode, executed)
 
         def tables() -> tuple[jax.Array, ...]:

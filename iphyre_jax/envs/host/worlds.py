@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental.buffer_callback import buffer_callback
 
+from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.scene_features import feature_numbers, feature_shapes
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
 from iphyre_jax.envs.host.calls import reset_episodes, step_episodes
@@ -28,10 +29,11 @@ from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Worlds, stac
 from iphyre_jax.execution import interrupts
 from iphyre_jax.execution.devices import lanes_of
 from iphyre_jax.execution.layout import WORD, Layout, Words
+from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, own_features
 from iphyre_jax.observations.vectors import observation_size
 from iphyre_jax.physics.shared_topologies import without_absent
-from iphyre_jax.physics.types import Topology, World
+from iphyre_jax.physics.types import State, Topology, World
 
 HOSTS_CACHED: Final = 64  # sets of topologies; JAX's programs keep their own
 
@@ -126,7 +128,7 @@ class HostWorlds(Worlds):
         next_game: jax.Array,
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
-        requests = jnp.concatenate([plan, stop_step[None], executed.astype(jnp.int32)]).astype(WORD[self.dtype])
+        requests = pack_request(plan, stop_step, executed).astype(WORD[self.dtype])
         results = ["words", "obs", "status", "status", *(["words", "obs"] if self.keep_final else [])]
         # The call writes the episodes where they are, or a scan would copy them at each decision. So they must have all
         # axes of a batch, even if the states are all the same; and nothing may read them afterwards: the call returns
@@ -136,14 +138,18 @@ class HostWorlds(Worlds):
         own = words, requests, next_game
         words, obs, before, status, *last = self._call(step_episodes, results, params, *own, in_place=True)
         final_state, final_obs = (HostState(last[0], self.state_of), last[1]) if last else (None, None)
-        return StepResult(
-            HostState(words, self.state_of), obs, unpack_status(before), unpack_status(status), final_state, final_obs
-        )
+        was, now = (unpack_status(words, self.limits.blocks) for words in (before, status))
+        return StepResult(HostState(words, self.state_of), obs, was, now, final_state, final_obs)
+
+    def first_rows(self, topology: Topology) -> State:
+        """See `params.Worlds`."""
+        own: State = episode_layout(topology, self.dtype).first_rows().state
+        return jax.tree.map(lambda row: row + status_words(self.limits.blocks), own)
 
     def status(self, params: HostParams, state: HostState) -> Status:
         """Return the status of an episode."""
         del params
-        return unpack_status(state.words[: status_words(self.limits.blocks)])
+        return unpack_status(state.words[: status_words(self.limits.blocks)], self.limits.blocks)
 
     def observe(self, params: HostParams, state: HostState) -> jax.Array:
         """Return the observation of an episode."""
@@ -153,7 +159,7 @@ class HostWorlds(Worlds):
 
     def bodies(self, params: HostParams, state: HostState) -> jax.Array:
         """Return the numbers of the moving bodies; see `params.Worlds`."""
-        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]) + status_words(self.limits.blocks))
+        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]))
         return jax.lax.bitcast_convert_type(state.words[rows[params.topology_id[state.game]]], self.dtype)
 
     def _call(

@@ -116,7 +116,7 @@ def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
 
         scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
         start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game), games.start)
-        tables, _ = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
+        tables = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
         return jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
 
     branches = [partial(play, topology) for topology in step.topologies]

@@ -62,7 +62,9 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
     for k, topology in enumerate(step.topologies):
         first = last[k - 1] if k else jnp.int32(0)
         lanes = min(size, LANES if whole_groups else cpu_lanes(topology, size, topologies))
-        play = partial(call, partial(play_group, step, topology, lanes, alone and not size % lanes), batch, last[k])
+        play = partial(
+            call, partial(play_group, step, topology, lanes, alone and not size % lanes, False), batch, last[k]
+        )
         if lanes == size and whole_groups:
             # XLA removes a loop of one turn, and if a device plays a part of the worlds, it inlines calls that stand
             # outside of loops and branches.

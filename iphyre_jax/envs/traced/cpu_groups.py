@@ -12,10 +12,11 @@ import jax
 import jax.numpy as jnp
 
 from iphyre_jax.envs.batching.status import GAME
-from iphyre_jax.envs.traced.step import Episode, Games, StepInput, StepOutput, TracedStep
+from iphyre_jax.envs.traced.episode_rows import EpisodeRows
+from iphyre_jax.envs.traced.step import Episode, Games, PlayedRows, StepInput, StepOutput, TracedStep
 from iphyre_jax.execution.layout import Parts, read_columns, write_columns, write_transposed
-from iphyre_jax.execution.programs import episode_layout
-from iphyre_jax.physics.lanes import read, visit_any, write
+from iphyre_jax.observations.patches import write_observations
+from iphyre_jax.physics.lanes import if_any, read, visit_any, write
 from iphyre_jax.physics.types import Timing, Topology
 
 
@@ -45,11 +46,11 @@ class Group:
             return read_columns(table, self.world, width)
         return jax.lax.dynamic_slice(table, (self.world[0], jnp.int32(0)), (self.world.shape[0], width)).T
 
-    def write(self, lanes: jax.Array, table: jax.Array) -> jax.Array:
-        """Return a table, (B, columns), with what is in lanes, (width, lanes), in the first columns of the worlds."""
+    def write(self, lanes: jax.Array, table: jax.Array, column: int = 0) -> jax.Array:
+        """Return a table, (B, columns), with what is in lanes, (width, lanes), in columns of the worlds."""
         if not self.neighbours:
-            return write_columns(lanes, table, self.world, self.count)
-        return write_transposed(lanes, table, self.world[0])
+            return write_columns(lanes, table, self.world, self.count, column)
+        return write_transposed(lanes, table, self.world[0], column)
 
 
 def play_group(
@@ -57,6 +58,7 @@ def play_group(
     topology: Topology,
     lanes: int,
     neighbours: bool,
+    few_slots: bool,
     batch: Given,
     last: jax.Array,
     first: jax.Array,
@@ -69,6 +71,7 @@ def play_group(
         topology: of the worlds.
         lanes: worlds side by side.
         neighbours: see `Group`.
+        few_slots: see `TracedStep.play`.
         batch: what is played.
         last: () int32, the place in the order after the last world of the topology.
         first: () int32, the place of the first world to play.
@@ -80,9 +83,9 @@ def play_group(
     group = Group(world, jnp.minimum(lanes, last - first), neighbours)
     given = _read(step, topology, batch, group, out.now.state)
     row = row_of(batch.game_count, given.first_game + given.state.whole[GAME].astype(jnp.int32))
-    tables, follows = step.play(topology, batch.timing, _scenes(step, topology, games, row), None, given)
-    out = jax.tree.map(group.write, tables, out)
-    follows = follows & (jnp.arange(lanes) < group.count)
+    played = step.play_in_rows(topology, batch.timing, _scenes(step, topology, games, row), given, few_slots=few_slots)
+    out = _write(step, topology, group, (games, row), (given, played), out)
+    follows = played.follows & (jnp.arange(lanes) < group.count)
     return out._replace(now=begin(out.now, games.start, given, follows, world))
 
 
@@ -92,27 +95,89 @@ def row_of(game_count: jax.Array | int, row: jax.Array) -> jax.Array:
 
 
 def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, states: Parts) -> StepInput:
-    """Return what the worlds of a group play, lanes behind; states have no more rows than the topology needs."""
-    whole, numbers = episode_layout(topology, step.dtype).part_rows
-    state = Parts(group.read(states.whole, step.status_words + whole), group.read(states.numbers, numbers))
+    """Return what the worlds of a group play, lanes behind."""
+    state = _read_state(step.episode_rows(topology), group, states)
     request = group.read(batch.request, batch.request.shape[1])
-    own = (rows.at[group.world].get(mode="promise_in_bounds") for rows in (batch.next_game, batch.first_game))
+    own = (part.at[group.world].get(mode="promise_in_bounds") for part in (batch.next_game, batch.first_game))
     return StepInput(state, request, *own)
 
 
+def _read_state(rows: EpisodeRows, group: Group, states: Parts) -> Parts:
+    """Return the episodes of a group, (rows, lanes). Further contact slots are read if one of them uses some."""
+    usual = Parts(*map(group.read, states, rows.usual))
+    further = [last - first for first, last in zip(rows.usual, rows.all, strict=True)]
+
+    def read_further() -> Parts:
+        parts = zip(states, further, rows.usual, strict=True)
+        return Parts(*(read_columns(part, group.world, width, first) for part, width, first in parts))
+
+    def none() -> Parts:
+        blank = Parts(*(part[:0] for part in usual)).padded((further[0], further[1]))
+        return blank._replace(whole=blank.whole - 1)  # an empty slot
+
+    # Not by `if_any`: XLA would take what does not change out of a loop.
+    read = jax.lax.cond(jnp.any(rows.is_crowded(usual.whole)), read_further, none)
+    return jax.tree.map(lambda first, more: jnp.concatenate([first, more]), usual, read)
+
+
+def _write(
+    step: TracedStep,
+    topology: Topology,
+    group: Group,
+    of_games: tuple[Games, jax.Array],
+    lanes: tuple[StepInput, PlayedRows],
+    out: StepOutput,
+) -> StepOutput:
+    """Return what a group leaves, written into the rows of its worlds, before any of them begins anew.
+
+    Args:
+        step: what is played.
+        topology: of the worlds.
+        group: of them.
+        of_games: the table of games, and the row of each lane's game.
+        lanes: the episodes before and after the decision.
+        out: receives what is left.
+    """
+    (games, row), (given, played), rows = of_games, lanes, step.episode_rows(topology)
+
+    def written(now: Episode) -> Episode:
+        state = _write_state(rows, group, given.state, played.state, now.state)
+        own = group.world, group.count, games.start.obs, row, played.patch, step.limits.objects
+        return Episode(state, write_observations(now.obs, *own))
+
+    status = group.write(played.state.whole[: step.status_words], out.status)
+    return StepOutput(written(out.now), status, tuple(map(written, out.final)))
+
+
+def _write_state(rows: EpisodeRows, group: Group, before: Parts, after: Parts, states: Parts) -> Parts:
+    """Return states with the episodes of a group; further contact slots if one of them uses some, or did before."""
+    parts = zip(after, rows.usual, states, strict=True)
+    states = Parts(*(group.write(part[:width], table) for part, width, table in parts))
+
+    def write_further(states: Parts) -> Parts:
+        parts = zip(after, rows.usual, states, strict=True)
+        further = ((part[width:], table, group.world, group.count, width) for part, width, table in parts)
+        return Parts(*(write_columns(*each) for each in further))
+
+    return if_any(rows.is_crowded(before.whole) | rows.is_crowded(after.whole), write_further, states)
+
+
 def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) -> Parts:
-    """Return the scenes of lanes, (rows, lanes); row: (lanes,) of the table of games.
+    """Return the scenes of lanes, (rows, lanes), see `short_scene_layout`; row: (lanes,) of the table of games.
 
     Of few games each is looked up once, and put into all of its lanes.
     """
-    widths, tables = step.scene_layout(topology).part_rows, games.scenes
+    widths, most = step.short_scene_layout(topology).part_rows, step.scene_layout(topology).part_rows
+    columns = [last - width for last, width in zip(most, widths, strict=True)]  # in front is the other part
     count, lanes = games.topology_id.shape[0], len(row)
     if count > lanes:  # each lane may have a game of its own
-        return Parts(*(read_columns(part, row, width) for part, width in zip(tables, widths, strict=True)))
+        parts = zip(games.scenes, widths, columns, strict=True)
+        return Parts(*(read_columns(part, row, width, column) for part, width, column in parts))
 
     def of_game(game: jax.Array) -> tuple[jax.Array, ...]:
-        parts = zip(read(tables, game), widths, strict=True)
-        return tuple(jnp.broadcast_to(part[:width, None], (width, lanes)) for part, width in parts)
+        parts = zip(read(games.scenes, game), widths, most, columns, strict=True)
+        own = ((part[first:last, None], width) for part, width, last, first in parts)
+        return tuple(jnp.broadcast_to(part, (width, lanes)) for part, width in own)
 
     if count == 1:
         return Parts(*of_game(jnp.int32(0)))

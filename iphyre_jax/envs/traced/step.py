@@ -7,20 +7,27 @@ own topology.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from iphyre_jax.envs.batching.play_requests import PlayRequest, run_requests
+from iphyre_jax.envs.batching.play_requests import (
+    RunRequests,
+    request_words,
+    run_requests,
+    run_with_few_slots,
+    unpack_request,
+)
 from iphyre_jax.envs.batching.scene_features import feature_shapes
-from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_rows, status_words
+from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_words
+from iphyre_jax.envs.traced.episode_rows import EpisodeRows
 from iphyre_jax.execution.gpu.one_kernel import blocks_in_one_kernel, in_one_kernel
 from iphyre_jax.execution.layout import WORD, Layout, Parts
-from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, own_features, pose_of
+from iphyre_jax.observations.patches import ObsPatch, obs_patch
 from iphyre_jax.observations.vectors import ObservationName, ObsInputs, obs_inputs, observation_size, observe
 from iphyre_jax.physics.lanes import materialize
 from iphyre_jax.physics.types import Timing, Topology, World
@@ -31,7 +38,7 @@ from iphyre_jax.scenes import Limits
 class Episode(NamedTuple):
     """An episode as it is kept, and what an agent sees of it."""
 
-    state: Parts  # (rows,) its status, see `status_rows`, then its physics
+    state: Parts  # (rows,) see `EpisodeRows`
     obs: jax.Array  # (numbers,) float32
 
     def of_game(self, game: jax.Array) -> Episode:
@@ -52,7 +59,7 @@ class StepInput(NamedTuple):
     """What a world plays next."""
 
     state: Parts  # of its episode
-    request: jax.Array  # (2 slots + 1,) int32: a plan, the step to play to, and the slots that are executed then
+    request: jax.Array  # (words,) int32, see `pack_request`
     next_game: jax.Array  # () int32, game of the episode that follows if this one ends; -1 for none
     first_game: jax.Array  # () int32, row of the world's game 0
 
@@ -78,6 +85,14 @@ class PlayedLanes(NamedTuple):
     follows: jax.Array  # (lanes,) bool, where the next episode follows
 
 
+class PlayedRows(NamedTuple):
+    """The same on a CPU, where observations are rows."""
+
+    state: Parts
+    patch: ObsPatch
+    follows: jax.Array
+
+
 @dataclass(frozen=True)
 class TracedStep:
     """The decision of an environment. Attributes are those of `Worlds`, and the steps of a whole episode."""
@@ -98,12 +113,24 @@ class TracedStep:
     @property
     def rows(self) -> tuple[int, int]:
         """Rows of the two parts of the largest episode."""
-        whole, numbers = _most_rows([episode_layout(topology, self.dtype) for topology in self.topologies])
-        return self.status_words + whole, numbers
+        return _most([self.episode_rows(topology).all for topology in self.topologies])
+
+    @property
+    def request_words(self) -> int:
+        """Words of a request."""
+        return request_words(self.limits.blocks)
+
+    def episode_rows(self, topology: Topology) -> EpisodeRows:
+        """Return the rows of an episode of a topology."""
+        return EpisodeRows(topology, self.limits.blocks, self.dtype)
 
     def scene_layout(self, topology: Topology) -> Layout:
-        """Return the layout of a scene: what an observation needs, in the same rows for all topologies; its world."""
-        return _scene_layout(self.topologies, topology, self.limits, self.dtype)
+        """Return the layout of a scene, see `scene_tree`; the first part has the same rows for all topologies."""
+        return _scene_layouts(self.topologies, topology, self.limits, self.dtype)[0]
+
+    def short_scene_layout(self, topology: Topology) -> Layout:
+        """Return the layout of the second part of a scene alone."""
+        return _scene_layouts(self.topologies, topology, self.limits, self.dtype)[1]
 
     @property
     def scene_parts(self) -> tuple[tuple[int, str], ...]:
@@ -113,7 +140,7 @@ class TracedStep:
     @property
     def scene_rows(self) -> tuple[int, int]:
         """Rows of the two parts of the largest scene."""
-        return _most_rows([self.scene_layout(topology) for topology in self.topologies])
+        return _most([self.scene_layout(topology).part_rows for topology in self.topologies])
 
     def start(self, topology: Topology, scene: Parts) -> Episode:
         """Return episodes of scenes before their first step, lanes behind; their game is 0."""
@@ -123,24 +150,18 @@ class TracedStep:
         executed = jnp.zeros((self.limits.blocks, *lanes), bool)
         status = status_of(jnp.zeros(lanes, jnp.int32), world, episode, executed)
         inputs = self._obs_inputs(features, status, episode)
-        state = self._packed(topology, status, episode).padded(self.rows)
+        state = self.episode_rows(topology).pack(status, episode).padded(self.rows)
         return Episode(state, observe(features, inputs, no_op=self.no_op))
 
-    def play(
-        self, topology: Topology, timing: Timing, scene: Parts, start: Episode | None, given: StepInput
-    ) -> tuple[StepOutput, jax.Array]:
-        """Play one decision of worlds of one topology, lanes behind their rows.
+    def play(self, topology: Topology, timing: Timing, scene: Parts, start: Episode, given: StepInput) -> StepOutput:
+        """Play one decision of worlds of one topology, lanes behind their rows; for an accelerator.
 
         Args:
             topology: of the worlds.
             timing: of the physics step.
             scene: of each lane.
-            start: the next episodes before their first step; None if the caller begins them.
+            start: the next episodes before their first step.
             given: what is played.
-
-        Returns:
-            What it leaves, and (lanes,) bool, where the next episode follows. Without `start` none begins, and no state
-            is padded.
         """
         features, world = self._scene(topology, scene)
 
@@ -148,7 +169,29 @@ class TracedStep:
             return in_one_kernel(partial(self._played, topology), timing, (features, world, given))
 
         lanes = materialize(played)
-        return materialize(partial(self._output, features, start, given, lanes)), lanes.follows
+        return materialize(partial(self._output, features, start, given, lanes))
+
+    def play_in_rows(
+        self, topology: Topology, timing: Timing, scene: Parts, given: StepInput, *, few_slots: bool
+    ) -> PlayedRows:
+        """Play one decision of worlds of one topology, lanes behind their rows; for a CPU.
+
+        Args:
+            topology: of the worlds.
+            timing: of the physics step.
+            scene: of each lane, see `short_scene_layout`.
+            given: what is played.
+            few_slots: see `run_with_few_slots`; faster, but it compiles a step twice.
+        """
+        features, world = self.short_scene_layout(topology).join(scene)
+        features, run = own_features(features, topology), run_with_few_slots if few_slots else run_requests
+
+        def played() -> PlayedRows:
+            status, episode, follows = self._decided(topology, run, timing, world, given)
+            patch = obs_patch(self.observation, features, status.present, episode, jnp.asarray(self.steps))
+            return PlayedRows(self.episode_rows(topology).pack(status, episode), patch, follows)
+
+        return materialize(played)
 
     def play_blocks(
         self, chosen: jax.Array, timing: Timing, scene: Parts, start: Episode, given: StepInput
@@ -172,37 +215,39 @@ class TracedStep:
             return PlayedLanes(state.padded(self.rows), placed, follows)
 
         works = [partial(played, topology) for topology in self.topologies]
-        features, _ = self.scene_layout(self.topologies[0]).join(scene)
+        features, _ = scene_of(self.scene_layout(self.topologies[0]).join(scene))
         return self._output(features, start, given, blocks_in_one_kernel(works, chosen, timing, (scene, given)))
 
     def _scene(self, topology: Topology, scene: Parts) -> tuple[Features, World]:
         """Return what observations need of packed scenes of a topology, and their worlds; lanes behind."""
-        features, world = self.scene_layout(topology).join(scene)
+        features, world = scene_of(self.scene_layout(topology).join(scene))
         return own_features(features, topology), world
 
-    def _output(self, features: Features, start: Episode | None, given: StepInput, played: PlayedLanes) -> StepOutput:
+    def _output(self, features: Features, start: Episode, given: StepInput, played: PlayedLanes) -> StepOutput:
         """Return what a decision leaves; start: see `play`."""
-        state = played.state if start is None else played.state.padded(self.rows)
+        state = played.state.padded(self.rows)
         final = Episode(state, observe(features, played.inputs, no_op=self.no_op))
-        out = StepOutput(final, state.whole[: self.status_words], (final,) if self.keep_final else ())
-        if start is None:
-            return out
         fresh = start.of_game(given.next_game)
         now = jax.tree.map(lambda new, old: jnp.where(played.follows[None], new, old), fresh, final)
-        return out._replace(now=now)
+        return StepOutput(now, state.whole[: self.status_words], (final,) if self.keep_final else ())
 
     def _played(self, topology: Topology, timing: Timing, lanes: tuple[Features, World, StepInput]) -> PlayedLanes:
         """Return episodes after a decision."""
-        (features, world, given), slots = lanes, self.limits.blocks
-        plan, stop_step, executed = given.request[:slots], given.request[slots], given.request[slots + 1 :] != 0
-        game = given.state.whole[GAME].astype(jnp.int32)
-        before = Parts(given.state.whole[self.status_words :], given.state.numbers)
-        episode = episode_layout(topology, self.dtype).join(before)
-        episode = run_requests(topology, timing, world, PlayRequest(plan, stop_step), episode)
-        status = status_of(game, world, episode, executed)
+        features, world, given = lanes
+        status, episode, follows = self._decided(topology, run_requests, timing, world, given)
+        inputs = self._obs_inputs(features, status, episode)
+        return PlayedLanes(self.episode_rows(topology).pack(status, episode), inputs, follows)
+
+    def _decided(
+        self, topology: Topology, run: RunRequests, timing: Timing, world: World, given: StepInput
+    ) -> tuple[Status, EpisodeState, jax.Array]:
+        """Return status and episode after a decision, and where the next episode follows, (lanes,) bool."""
+        request, executed = unpack_request(given.request, self.limits.blocks)
+        status, episode = self.episode_rows(topology).join(given.state)
+        episode = run(topology, timing, world, request, episode)
+        status = status_of(status.game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
-        state, inputs = self._packed(topology, status, episode), self._obs_inputs(features, status, episode)
-        return PlayedLanes(state, inputs, ended & (given.next_game >= 0))
+        return status, episode, ended & (given.next_game >= 0)
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""
@@ -213,23 +258,36 @@ class TracedStep:
         episode = Episode(state, jnp.zeros((size, obs), jnp.float32))
         return StepOutput(episode, jnp.zeros((size, self.status_words), word), (episode,) if self.keep_final else ())
 
-    def _packed(self, topology: Topology, status: Status, episode: EpisodeState) -> Parts:
-        """Return episodes as they are kept; lanes behind."""
-        whole, numbers = episode_layout(topology, self.dtype).parts(episode)
-        rows = [row.astype(whole.dtype)[None] for row in status_rows(status)]
-        return Parts(jnp.concatenate([*rows, whole]), numbers)
-
     def _obs_inputs(self, features: Features, status: Status, episode: EpisodeState) -> ObsInputs:
         pose, bodies = pose_of(features, status.present, episode), episode.state.motion
         return obs_inputs(self.observation, features, pose, bodies, status.step, jnp.asarray(self.steps))
 
 
-def _most_rows(layouts: Sequence[Layout]) -> tuple[int, int]:
+def _most(rows: Sequence[tuple[int, int]]) -> tuple[int, int]:
     """Return the most rows of the two parts of tables."""
-    whole, numbers = zip(*(layout.part_rows for layout in layouts), strict=True)
+    whole, numbers = zip(*rows, strict=True)
     return max(whole), max(numbers)
 
 
+SceneTree = tuple[tuple[Any, Any], tuple[Any, World]]
+
+
+def scene_tree(features: Features, world: World) -> SceneTree:
+    """Return a scene as it is packed: what observations only copy, then what a decision works with."""
+    none: Any = None
+    return (features.obs_rows, features.candidates), (replace(features, obs_rows=none, candidates=none), world)
+
+
+def scene_of(tree: SceneTree) -> tuple[Features, World]:
+    """Return the features and the world of a `scene_tree`."""
+    (obs_rows, candidates), (features, world) = tree
+    return replace(features, obs_rows=obs_rows, candidates=candidates), world
+
+
 @lru_cache(1024)
-def _scene_layout(topologies: tuple[Topology, ...], topology: Topology, limits: Limits, dtype: str) -> Layout:
-    return Layout.of((feature_shapes(topologies, limits, dtype), World.shapes(topology, dtype)), dtype)
+def _scene_layouts(
+    topologies: tuple[Topology, ...], topology: Topology, limits: Limits, dtype: str
+) -> tuple[Layout, Layout]:
+    """Return the layouts of a `scene_tree` and of its second part."""
+    tree = scene_tree(feature_shapes(topologies, limits, dtype), World.shapes(topology, dtype))
+    return Layout.of(tree, dtype), Layout.of(tree[1], dtype)

@@ -43,6 +43,7 @@ class TopologyStep:
     sources: ClassVar[tuple[str, ...]] = (
         *programs.SOURCES,
         "envs/traced/cpu_groups.py",
+        "envs/traced/episode_rows.py",
         "envs/traced/step.py",
         "envs/traced/step_program.py",
         "envs/batching",
@@ -78,7 +79,7 @@ class TopologyStep:
 
         (batch, first, last), out = jax.tree.map(zeros, self._shapes)
         batch = batch._replace(game_count=last + 1, order=np.arange(worlds, dtype=np.int32))
-        solved = out.now.state._replace(whole=np.ones_like(out.now.state.whole))
+        solved = out.now.state._replace(whole=np.ones_like(out.now.state.whole))  # `Status.success` is one of them
         out = out._replace(now=out.now._replace(state=solved))
         return tuple(jax.tree.leaves((batch, first, last + worlds, out)))
 
@@ -96,7 +97,8 @@ class TopologyStep:
             last: () int32, the place after its last one.
             out: the states of all worlds before the decision.
         """
-        play = partial(play_group, self.step, self.step.topologies[self.topology_id], self.lanes, self.neighbours)
+        topology = self.step.topologies[self.topology_id]
+        play = partial(play_group, self.step, topology, self.lanes, self.neighbours, True)
 
         def play_next(number: jax.Array, out: StepOutput) -> StepOutput:
             return play(batch, last, first + number * self.lanes, out)
@@ -109,7 +111,7 @@ class TopologyStep:
 
         def zeros() -> tuple[tuple[Given, jax.Array, jax.Array], StepOutput]:
             step, games, whole, rows = self.step, self.games, jnp.int32(0), jnp.zeros(MOST_ROWS, jnp.int32)
-            request = jnp.zeros((MOST_ROWS, 2 * step.limits.blocks + 1), jnp.int32)
+            request = jnp.zeros((MOST_ROWS, step.request_words), jnp.int32)
             number = jnp.zeros((), step.dtype)
             timing = Timing(number, number, number, jnp.zeros(2, step.dtype))
             scenes = Parts(*(jnp.zeros((games, words), dtype) for words, dtype in step.scene_parts))

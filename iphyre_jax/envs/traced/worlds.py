@@ -10,17 +10,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Tree, Worlds, stacked
 from iphyre_jax.envs.traced.batch import decide
-from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep, scene_of, scene_tree
 from iphyre_jax.execution.layout import Parts
-from iphyre_jax.execution.programs import episode_layout
 from iphyre_jax.observations.features import Features, own_features
 from iphyre_jax.observations.vectors import obs_inputs, observe
 from iphyre_jax.physics.shared_topologies import without_absent
-from iphyre_jax.physics.types import Motion, Topology, World
+from iphyre_jax.physics.types import Motion, State, Topology, World
 from iphyre_jax.physics.vector import Vec
 from iphyre_jax.scenes.compile import step_timing
 
@@ -62,8 +62,13 @@ class TracedWorlds(Worlds):
 
     @cached_property
     def made_for(self) -> str:
-        """See `params.Worlds`; parameters have first observations."""
-        return self._digest(self.observation, self.no_op)
+        """See `params.Worlds`; parameters have first observations and states."""
+        return self._digest(self.observation, self.no_op, self.traced.rows)
+
+    @cached_property
+    def state_of(self) -> str:
+        """See `params.Worlds`."""
+        return self._digest(self.protocol, self.traced.rows)
 
     @property
     def traced(self) -> TracedStep:
@@ -86,7 +91,7 @@ class TracedWorlds(Worlds):
     def _scene(self, topology: Topology, world: World, features: Features) -> Parts:
         """Return a packed scene, (rows,), with as many rows as the largest."""
         layout = self.traced.scene_layout(topology)
-        words = layout.pack_many([(feature_numbers(features, self.dtype), world)])[:, 0]
+        words = layout.pack_many([scene_tree(feature_numbers(features, self.dtype), world)])[:, 0]
         parts = words[: layout.whole_rows], words[layout.whole_rows :].view(self.dtype)
         return Parts(*jax.device_put(parts)).padded(self.traced.scene_rows)
 
@@ -96,7 +101,7 @@ class TracedWorlds(Worlds):
         scene, features = jax.tree.map(lambda leaf: np.asarray(leaf)[game], (params.table.scenes, params.features))
         layout = self.traced.scene_layout(self.topologies[topology_id])
         with jax.enable_x64(self.dtype == "float64"):
-            _, joined = layout.join(Parts(scene.whole[:, None], scene.numbers[:, None]))
+            _, joined = scene_of(layout.join(Parts(scene.whole[:, None], scene.numbers[:, None])))
             world = jax.tree.map(lambda leaf: np.asarray(leaf)[..., 0], joined)
         topology, world = without_absent(self.topologies[topology_id], world)
         one = replace(self, topologies=(topology,))
@@ -119,21 +124,25 @@ class TracedWorlds(Worlds):
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
         timing = _opaque(step_timing(self.protocol.fps, self.dtype))
-        request = jnp.concatenate([plan, stop_step[None], executed.astype(jnp.int32)])
+        request = pack_request(plan, stop_step, executed)
         given = StepInput(state.parts, request, jnp.asarray(next_game, jnp.int32), jnp.zeros((), jnp.int32))
         out = decide(self.traced, timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
         out = jax.tree.map(lambda leaf: leaf[0], out)
-        before, after = self.status(params, state), unpack_status(out.status)
+        before, after = self.status(params, state), unpack_status(out.status, self.limits.blocks)
         now = TracedState(out.now.state, self.state_of)
         if not out.final:
             return StepResult(now, out.now.obs, before, after, None, None)
         final = out.final[0]
         return StepResult(now, out.now.obs, before, after, TracedState(final.state, self.state_of), final.obs)
 
+    def first_rows(self, topology: Topology) -> State:
+        """See `params.Worlds`; of the part that holds numbers."""
+        return self.traced.episode_rows(topology).first_rows()
+
     def status(self, params: TracedParams, state: TracedState) -> Status:
         """Return the status of an episode."""
         del params
-        return unpack_status(state.parts.whole[: self.traced.status_words])
+        return unpack_status(state.parts.whole[: self.traced.status_words], self.limits.blocks)
 
     def observe(self, params: TracedParams, state: TracedState) -> jax.Array:
         """Return the observation of an episode."""
@@ -146,8 +155,7 @@ class TracedWorlds(Worlds):
 
     def bodies(self, params: TracedParams, state: TracedState) -> jax.Array:
         """Return the numbers of the moving bodies; see `params.Worlds`."""
-        whole = np.array([episode_layout(topology, self.dtype).whole_rows for topology in self.topologies])
-        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]) - whole[:, None, None])
+        rows = jnp.asarray(self.body_rows(params.features.mover.shape[-1]))
         return state.parts.numbers[rows[params.topology_id[state.game]]]
 
 
