@@ -114,8 +114,8 @@ def write_observations(
         for first, last in pieces:
             start = jax.lax.dynamic_slice(starts, (game[lane], jnp.int32(first)), (1, last - first))
             decided = [own[k] & bits[k, first:last] for k in range(len(words))]
-            stays = reduce(jnp.bitwise_or, decided, jnp.asarray(always[None, first:last])) != 0
-            row = jax.lax.optimization_barrier(jnp.where(stays, start, jnp.zeros_like(start)))
+            stays = reduce(jnp.bitwise_or, decided, jnp.asarray(always[first:last])) != 0
+            row = jax.lax.optimization_barrier(jnp.where(stays[None], start, jnp.zeros_like(start)))
             out = jax.lax.dynamic_update_slice(out, row, (world[lane], jnp.int32(first)))
         for body in range(patch.mover.shape[0]):
             placed = jax.lax.dynamic_slice(ends, (jnp.int32(4 * body), lane), (4, 1))

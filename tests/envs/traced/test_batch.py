@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import iphyre_jax
+from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.status import GAME, SUCCESS
 from iphyre_jax.envs.traced import batch, cpu_batch, cpu_groups
 from iphyre_jax.envs.traced.step import Episode, StepInput
@@ -97,8 +98,8 @@ def test_accelerators_and_linked_programs_play_the_same_in_groups(names: list[st
         game = jnp.asarray(rng.integers(0, len(names), worlds), jnp.int32)
         state = jax.vmap(env.reset_to, in_axes=(0, None))(game, params)[1]
         assert isinstance(state, TracedState)
-        plan, stop = rng.integers(0, 9, (worlds, step.limits.blocks)), np.full((worlds, 1), 60)
-        request = np.concatenate([plan, stop, np.zeros_like(plan)], axis=1)
+        plan = jnp.asarray(rng.integers(0, 9, (worlds, step.limits.blocks)), jnp.int32)
+        request = jax.vmap(pack_request)(plan, jnp.full(worlds, 60, jnp.int32), jnp.zeros(plan.shape, bool))
         following = rng.integers(-1, len(names), worlds), np.zeros(worlds)
         given = StepInput(state.parts, *(jnp.asarray(part, jnp.int32) for part in (request, *following)))
         shared = jax.tree.map(jnp.asarray, step_timing(env.protocol.fps, "float64")), params.table
