@@ -140,13 +140,14 @@ def _write(
     """
     (games, row), (given, played), rows = of_games, lanes, step.episode_rows(topology)
 
-    def written(now: Episode) -> Episode:
-        state = _write_state(rows, group, given.state, played.state, now.state)
+    def observed(obs: jax.Array) -> jax.Array:
         own = group.world, group.count, games.start.obs, row, played.patch, step.limits.objects
-        return Episode(state, write_observations(now.obs, *own))
+        return write_observations(obs, *own)
 
+    now = Episode(_write_state(rows, group, given.state, played.state, out.now.state), observed(out.now.obs))
     status = group.write(played.state.whole[: step.status_words], out.status)
-    return StepOutput(written(out.now), status, tuple(map(written, out.final)))
+    final = (Episode(jax.tree.map(group.write, played.state, one.state), observed(one.obs)) for one in out.final)
+    return StepOutput(now, status, tuple(final))
 
 
 def _write_state(rows: EpisodeRows, group: Group, before: Parts, after: Parts, states: Parts) -> Parts:
