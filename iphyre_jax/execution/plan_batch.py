@@ -24,13 +24,8 @@ ATTEMPTS = 4  # at a plan that needs more contact slots than it was given
 
 
 def contact_slots(topology: Topology) -> tuple[int, ...]:
-    """Return the contact slots of each attempt: few at first, because time and compile time grow with them.
-
-    None of 800,000 random plans of the forty games at 10 fps needs a second attempt: they need at most 2 slots with one
-    ball, 4 with two, 8 with a bar and a ball, 9 in all other games. Of 2000 crowded random scenes 8 need a third.
-    """
-    few = min(10, 2 * topology.balls + 6 * topology.bars)
-    return few, topology.slots, 2 * topology.slots, 4 * topology.slots
+    """Return the contact slots of each attempt: few at first."""
+    return topology.few_slots, topology.slots, 2 * topology.slots, 4 * topology.slots
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def play_group(
         topology: of the worlds.
         lanes: worlds side by side.
         neighbours: see `Group`.
-        few_slots: see `TracedStep.play`.
+        few_slots: see `TracedStep.play_in_rows`.
         batch: what is played.
         last: () int32, the place in the order after the last world of the topology.
         first: () int32, the place of the first world to play.
