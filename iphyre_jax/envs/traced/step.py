@@ -7,9 +7,9 @@ own topology.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +21,9 @@ from iphyre_jax.envs.batching.play_requests import (
     run_with_few_slots,
     unpack_request,
 )
-from iphyre_jax.envs.batching.scene_features import feature_shapes
 from iphyre_jax.envs.batching.status import GAME, Status, status_of, status_words
 from iphyre_jax.envs.traced.episode_rows import EpisodeRows
+from iphyre_jax.envs.traced.scene_rows import scene_layouts, scene_of
 from iphyre_jax.execution.gpu.one_kernel import blocks_in_one_kernel, in_one_kernel
 from iphyre_jax.execution.layout import WORD, Layout, Parts
 from iphyre_jax.observations.features import Features, own_features, pose_of
@@ -125,12 +125,12 @@ class TracedStep:
         return EpisodeRows(topology, self.limits.blocks, self.dtype)
 
     def scene_layout(self, topology: Topology) -> Layout:
-        """Return the layout of a scene, see `scene_tree`; the first part has the same rows for all topologies."""
-        return _scene_layouts(self.topologies, topology, self.limits, self.dtype)[0]
+        """Return the layout of a scene, see `scene_tree`."""
+        return scene_layouts(self.topologies, topology, self.limits, self.dtype)[0]
 
     def short_scene_layout(self, topology: Topology) -> Layout:
-        """Return the layout of the second part of a scene alone."""
-        return _scene_layouts(self.topologies, topology, self.limits, self.dtype)[1]
+        """Return the layout of what a CPU reads of a scene."""
+        return scene_layouts(self.topologies, topology, self.limits, self.dtype)[1]
 
     @property
     def scene_parts(self) -> tuple[tuple[int, str], ...]:
@@ -267,27 +267,3 @@ def _most(rows: Sequence[tuple[int, int]]) -> tuple[int, int]:
     """Return the most rows of the two parts of tables."""
     whole, numbers = zip(*rows, strict=True)
     return max(whole), max(numbers)
-
-
-SceneTree = tuple[tuple[Any, Any], tuple[Any, World]]
-
-
-def scene_tree(features: Features, world: World) -> SceneTree:
-    """Return a scene as it is packed: what observations only copy, then what a decision works with."""
-    none: Any = None
-    return (features.obs_rows, features.candidates), (replace(features, obs_rows=none, candidates=none), world)
-
-
-def scene_of(tree: SceneTree) -> tuple[Features, World]:
-    """Return the features and the world of a `scene_tree`."""
-    (obs_rows, candidates), (features, world) = tree
-    return replace(features, obs_rows=obs_rows, candidates=candidates), world
-
-
-@lru_cache(1024)
-def _scene_layouts(
-    topologies: tuple[Topology, ...], topology: Topology, limits: Limits, dtype: str
-) -> tuple[Layout, Layout]:
-    """Return the layouts of a `scene_tree` and of its second part."""
-    tree = scene_tree(feature_shapes(topologies, limits, dtype), World.shapes(topology, dtype))
-    return Layout.of(tree, dtype), Layout.of(tree[1], dtype)

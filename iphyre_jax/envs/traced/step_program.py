@@ -48,6 +48,7 @@ class TopologyStep:
         *programs.SOURCES,
         "envs/traced/cpu_groups.py",
         "envs/traced/episode_rows.py",
+        "envs/traced/scene_rows.py",
         "envs/traced/step.py",
         "envs/traced/step_program.py",
         "envs/batching",

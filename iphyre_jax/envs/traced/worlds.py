@@ -15,7 +15,8 @@ from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
 from iphyre_jax.envs.params import EnvParams, EnvState, StepResult, Tree, Worlds, stacked
 from iphyre_jax.envs.traced.batch import decide
-from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep, scene_of, scene_tree
+from iphyre_jax.envs.traced.scene_rows import scene_of, scene_tree
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput, TracedStep
 from iphyre_jax.execution.layout import Parts
 from iphyre_jax.observations.features import Features, own_features
 from iphyre_jax.observations.vectors import obs_inputs, observe
