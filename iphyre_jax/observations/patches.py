@@ -101,11 +101,10 @@ def write_observations(
         patch: of the lanes.
         objects: rows of the official table.
     """
-    sets = [patch.present, patch.joined, patch.sprung]
+    sets, size = [patch.present, patch.joined, patch.sprung], out.shape[1]
     words = jnp.stack([word for each in sets for word in each])
-    bits, always = _deciding([len(each) for each in sets], objects, out.shape[1])
+    bits, always = _deciding([len(each) for each in sets], objects, size)
     ends = patch.ends.reshape(-1, patch.ends.shape[-1])
-    size = out.shape[1]
     # What whole vectors leave would be scalar code.
     pieces = (0, size - size % VECTORS), (size - VECTORS, size)
 
@@ -125,7 +124,7 @@ def write_observations(
     out = jax.lax.fori_loop(0, count, write, out)
     if patch.motion is None:
         return out
-    return write_columns(patch.motion, out, world, count, out.shape[1] - motion_size(objects))
+    return write_columns(patch.motion, out, world, count, size - motion_size(objects))
 
 
 def _deciding(words: Sequence[int], objects: int, size: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:

@@ -103,13 +103,16 @@ class EpisodeRows:
         return jax.tree.map(both, few, further)
 
     def _flags(self, whole: jax.Array) -> jax.Array:
-        count = FLAGS + self.topology.moving + self.topology.num_static
-        return unpack_flags(whole[status_words(self.blocks) : self._first], count)
+        return unpack_flags(whole[status_words(self.blocks) : self._first], self._flag_count)
+
+    @property
+    def _flag_count(self) -> int:
+        return FLAGS + self.topology.moving + self.topology.num_static
 
     @property
     def _first(self) -> int:
         """The first row of what is in neither status nor flags."""
-        return status_words(self.blocks) + flag_words(FLAGS + self.topology.moving + self.topology.num_static)
+        return status_words(self.blocks) + flag_words(self._flag_count)
 
     @property
     def _state(self) -> Layout:
