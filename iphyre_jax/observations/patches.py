@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from iphyre_jax.execution.layout import BIT, FLAGS, pack_flags, pack_numbers, write_columns
-from iphyre_jax.observations.features import Features, Pose, motion, motion_size, rows_size, scaled_ends, speeds
+from iphyre_jax.observations.features import Features, Pose, motion_size, rows_size, scaled_ends
 from iphyre_jax.observations.official import COLUMNS, JOINT_COLUMN, SPRING_COLUMN
-from iphyre_jax.observations.vectors import ObservationName
+from iphyre_jax.observations.vectors import ObservationName, motion_inputs
 from iphyre_jax.rollouts import FAULT_NOT_FINITE, EpisodeState
 
 VECTORS = 32  # numbers of the two widest vectors, which LLVM takes together
@@ -58,17 +58,14 @@ def obs_patch(
     unread = jnp.zeros((0, *sound.shape), bool)
     pose = Pose(state.position.x, state.position.y, state.angle, unread, sound)
 
-    def of_sound(numbers: jax.Array) -> jax.Array:
-        return jnp.where(sound, numbers, jnp.zeros((), jnp.float32))  # no policy should meet a NaN
-
-    moved = motion(features, speeds(state.motion), state.step, steps) if observation == "motion" else None
+    ends = jnp.stack(scaled_ends(features.ends, pose))
     return ObsPatch(
         present,
         _tied(features.joints, present),
         _tied(features.springs, present),
         features.mover,
-        of_sound(jnp.stack(scaled_ends(features.ends, pose))),
-        None if moved is None else of_sound(moved),
+        jnp.where(sound, ends, jnp.zeros((), jnp.float32)),
+        motion_inputs(observation, features, pose, state.motion, state.step, steps),
     )
 
 

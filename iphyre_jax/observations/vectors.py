@@ -55,13 +55,17 @@ def obs_inputs(
         step: () int32, steps made.
         steps: () physics steps of a whole episode, the unit of the time in "motion".
     """
-    rows = row_inputs(features, pose)
+    return ObsInputs(row_inputs(features, pose), motion_inputs(observation, features, pose, bodies, step, steps))
+
+
+def motion_inputs(
+    observation: ObservationName, features: Features, pose: Pose, bodies: Motion, step: jax.Array, steps: jax.Array
+) -> jax.Array | None:
+    """Return the part of `obs_inputs` that "motion" adds."""
     if observation != "motion":
-        return ObsInputs(rows, None)
+        return None
     moved = motion(features, speeds(bodies), step, steps)
-    return ObsInputs(
-        rows, jnp.where(pose.sound[None], moved, jnp.zeros((), jnp.float32))
-    )  # no policy should meet a NaN
+    return jnp.where(pose.sound[None], moved, jnp.zeros((), jnp.float32))  # no policy should meet a NaN
 
 
 def observe(features: Features, inputs: ObsInputs, *, no_op: bool) -> jax.Array:

@@ -40,11 +40,11 @@ class Group:
     count: jax.Array  # () int32, lanes that are not spare, the first ones
     neighbours: bool  # whether the worlds follow each other in the batch, and no lane is spare
 
-    def read(self, table: jax.Array, width: int) -> jax.Array:
-        """Return the first columns of the worlds' rows, (width, lanes); table: (B, columns)."""
+    def read(self, table: jax.Array, width: int, column: int = 0) -> jax.Array:
+        """Return so many columns of the worlds' rows, (width, lanes); table: (B, columns)."""
         if not self.neighbours:
-            return read_columns(table, self.world, width)
-        return jax.lax.dynamic_slice(table, (self.world[0], jnp.int32(0)), (self.world.shape[0], width)).T
+            return read_columns(table, self.world, width, column)
+        return jax.lax.dynamic_slice(table, (self.world[0], jnp.int32(column)), (self.world.shape[0], width)).T
 
     def write(self, lanes: jax.Array, table: jax.Array, column: int = 0) -> jax.Array:
         """Return a table, (B, columns), with what is in lanes, (width, lanes), in columns of the worlds."""
@@ -108,8 +108,7 @@ def _read_state(rows: EpisodeRows, group: Group, states: Parts) -> Parts:
     further = [last - first for first, last in zip(rows.usual, rows.all, strict=True)]
 
     def read_further() -> Parts:
-        parts = zip(states, further, rows.usual, strict=True)
-        return Parts(*(read_columns(part, group.world, width, first) for part, width, first in parts))
+        return Parts(*map(group.read, states, further, rows.usual))
 
     def none() -> Parts:
         blank = Parts(*(part[:0] for part in usual)).padded((further[0], further[1]))
@@ -152,13 +151,12 @@ def _write(
 
 def _write_state(rows: EpisodeRows, group: Group, before: Parts, after: Parts, states: Parts) -> Parts:
     """Return states with the episodes of a group; further contact slots if one of them uses some, or did before."""
-    parts = zip(after, rows.usual, states, strict=True)
-    states = Parts(*(group.write(part[:width], table) for part, width, table in parts))
+    usual = (part[:width] for part, width in zip(after, rows.usual, strict=True))
+    states = Parts(*map(group.write, usual, states))
 
     def write_further(states: Parts) -> Parts:
-        parts = zip(after, rows.usual, states, strict=True)
-        further = ((part[width:], table, group.world, group.count, width) for part, width, table in parts)
-        return Parts(*(write_columns(*each) for each in further))
+        further = (part[width:] for part, width in zip(after, rows.usual, strict=True))
+        return Parts(*map(group.write, further, states, rows.usual))
 
     return if_any(rows.is_crowded(before.whole) | rows.is_crowded(after.whole), write_further, states)
 
@@ -168,17 +166,17 @@ def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) 
 
     Of few games each is looked up once, and put into all of its lanes.
     """
-    widths, most = step.short_scene_layout(topology).part_rows, step.scene_layout(topology).part_rows
-    columns = [last - width for last, width in zip(most, widths, strict=True)]  # in front is the other part
+    widths, rows = step.short_scene_layout(topology).part_rows, step.scene_layout(topology).part_rows
+    columns = [every - width for every, width in zip(rows, widths, strict=True)]  # behind what is not read
     count, lanes = games.topology_id.shape[0], len(row)
     if count > lanes:  # each lane may have a game of its own
         parts = zip(games.scenes, widths, columns, strict=True)
         return Parts(*(read_columns(part, row, width, column) for part, width, column in parts))
 
     def of_game(game: jax.Array) -> tuple[jax.Array, ...]:
-        parts = zip(read(games.scenes, game), widths, most, columns, strict=True)
-        own = ((part[first:last, None], width) for part, width, last, first in parts)
-        return tuple(jnp.broadcast_to(part, (width, lanes)) for part, width in own)
+        parts = zip(read(games.scenes, game), widths, columns, strict=True)
+        own = (part[column : column + width, None] for part, width, column in parts)
+        return tuple(jnp.broadcast_to(part, (part.shape[0], lanes)) for part in own)
 
     if count == 1:
         return Parts(*of_game(jnp.int32(0)))
