@@ -21,6 +21,7 @@ from jax.typing import ArrayLike
 
 from iphyre_jax.checks import check_dtype, check_flag, check_instance, check_option, check_whole, cut, show
 from iphyre_jax.envs.arguments import check_game, check_key, check_params, check_state
+from iphyre_jax.envs.batching.next_game import NO_GAME, NextGame
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.host.worlds import HostWorlds
 from iphyre_jax.envs.params import EnvParams, EnvState, Worlds
@@ -38,7 +39,6 @@ from iphyre_jax.scenes.limits import OFFICIAL, check_limits
 
 BackendName = Literal["host", "xla"]
 Info = dict[str, Any]
-NO_GAME = -1
 MAX_IMAGE: Final = 2400  # px, side of an observed image
 
 
@@ -175,7 +175,7 @@ class Environment:
 
     @partial(jax.jit, static_argnums=0)
     def _reset(self, key: jax.Array, params: EnvParams) -> tuple[jax.Array, EnvState]:
-        out: tuple[jax.Array, EnvState] = self._reset_to(_draw_game(key, params), params)
+        out: tuple[jax.Array, EnvState] = self._reset_to(NextGame.random(key, params.n_games).row(), params)
         return out
 
     def reset_to(self, game: ArrayLike, params: EnvParams) -> tuple[jax.Array, EnvState]:
@@ -240,8 +240,9 @@ class Environment:
     def _step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        next_game = _draw_game(key, params) if self.autoreset else jnp.full((), NO_GAME, jnp.int32)
-        return self.step_to(state, action, params, next_game)
+        if self.autoreset:
+            return self._step_to(state, action, params, NextGame.random(key, params.n_games))
+        return self.step_to(state, action, params, jnp.full((), NO_GAME, jnp.int32))
 
     def step_to(
         self, state: EnvState, action: jax.Array, params: EnvParams, next_game: jax.Array
@@ -259,7 +260,11 @@ class Environment:
         """
         check_state(state, params, self.worlds)
         check_game("next_game", next_game, params, NO_GAME)
-        next_game = _nearest_row(next_game, params, NO_GAME)
+        return self._step_to(state, action, params, NextGame(_nearest_row(next_game, params, NO_GAME)))
+
+    def _step_to(
+        self, state: EnvState, action: jax.Array, params: EnvParams, next_game: NextGame
+    ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
         before = self.worlds.status(params, state)
         planned = self.strategy.plan_action(action, before.step, before.executed, before.present, self.protocol)
         ended = self.has_ended(before)
@@ -370,10 +375,3 @@ def _nearest_row(game: ArrayLike, params: EnvParams, least: int = 0) -> jax.Arra
     """Return the row of the parameters (or `least`) nearest to a number, () int32; it is cut before it is narrowed."""
     row: jax.Array = cut(jnp.asarray(game), least, params.n_games - 1)
     return row
-
-
-def _draw_game(key: jax.Array, params: EnvParams) -> jax.Array:
-    """Return a random game, () int32."""
-    if params.n_games == 1:
-        return jnp.zeros((), jnp.int32)
-    return jax.random.randint(key, (), 0, params.n_games, jnp.int32)

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.batching.next_game import NextGame
 from iphyre_jax.envs.batching.status import Status
 from iphyre_jax.envs.protocols import EpisodeProtocol
 from iphyre_jax.execution.batching import cached_world
@@ -148,7 +149,7 @@ class Worlds(ABC):
         plan: jax.Array,
         stop_step: jax.Array,
         executed: jax.Array,
-        next_game: jax.Array,
+        next_game: NextGame,
     ) -> StepResult:
         """Play one decision.
 
@@ -158,7 +159,7 @@ class Worlds(ABC):
             plan: (slots,) int32, the step before which each slot's block goes; it stays at -1 or a past step.
             stop_step: () int32, the step to play to, unless the episode ends earlier.
             executed: (slots,) bool, slots that a combined plan has executed by then.
-            next_game: () int32, game of the next episode if this one ends; -1 for none.
+            next_game: of the next episode if this one ends.
         """
 
     @abstractmethod

@@ -27,7 +27,8 @@ import numpy.typing as npt
 
 from iphyre_jax.checks import check_instance, check_integers, check_whole, show
 from iphyre_jax.envs.arguments import check_arrays, check_batch, check_key, check_params, check_policy
-from iphyre_jax.envs.core import NO_GAME, Environment, Info
+from iphyre_jax.envs.batching.next_game import NO_GAME
+from iphyre_jax.envs.core import Environment, Info
 from iphyre_jax.envs.params import EnvParams, EnvState
 from iphyre_jax.envs.spaces import MAX_AXIS
 from iphyre_jax.execution.forks import check_fork

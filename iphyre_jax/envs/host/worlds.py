@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.experimental.buffer_callback import buffer_callback
 
+from iphyre_jax.envs.batching.next_game import NO_GAME, NextGame
 from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.scene_features import feature_numbers, feature_shapes
 from iphyre_jax.envs.batching.status import Status, status_words, unpack_status
@@ -125,7 +126,7 @@ class HostWorlds(Worlds):
         plan: jax.Array,
         stop_step: jax.Array,
         executed: jax.Array,
-        next_game: jax.Array,
+        next_game: NextGame,
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
         requests = pack_request(plan, stop_step, executed).astype(WORD[self.dtype])
@@ -133,9 +134,10 @@ class HostWorlds(Worlds):
         # The call writes the episodes where they are, or a scan would copy them at each decision. So they must have all
         # axes of a batch, even if the states are all the same; and nothing may read them afterwards: the call returns
         # the status before the decision too.
-        axes = 0 * (requests[0] + next_game + params.topology_id[0])
+        game = next_game.row()
+        axes = 0 * (requests[0] + game + params.topology_id[0])
         words = state.words + axes.astype(state.words.dtype)
-        own = words, requests, next_game
+        own = words, requests, game
         words, obs, before, status, *last = self._call(step_episodes, results, params, *own, in_place=True)
         final_state, final_obs = (HostState(last[0], self.state_of), last[1]) if last else (None, None)
         was, now = (unpack_status(words, self.limits.blocks) for words in (before, status))
@@ -154,7 +156,7 @@ class HostWorlds(Worlds):
     def observe(self, params: HostParams, state: HostState) -> jax.Array:
         """Return the observation of an episode."""
         status = self.status(params, state)
-        never, none = jnp.full(self.limits.blocks, -1, jnp.int32), jnp.full_like(status.game, -1)
+        never, none = jnp.full(self.limits.blocks, -1, jnp.int32), NextGame(jnp.full_like(status.game, NO_GAME))
         return self.step(params, state, never, status.step, status.executed, none).obs
 
     def bodies(self, params: HostParams, state: HostState) -> jax.Array:

@@ -91,7 +91,7 @@ def _vmappable(step: TracedStep) -> Decide:
             first = games.topology_id.shape[1] * jnp.arange(size, dtype=jnp.int32)
             given = given._replace(first_game=given.first_game + first[:, None])
             games = jax.tree.map(without_axis, games)
-        each = given.next_game.shape[1]
+        each = given.first_game.shape[1]
         out = decide(timing, games, jax.tree.map(without_axis, given))
         out = jax.tree.map(lambda leaf: leaf.reshape(size, each, *leaf.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
@@ -101,9 +101,10 @@ def _vmappable(step: TracedStep) -> Decide:
 
 def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
     """Do what `decide` says, on an accelerator: group by group."""
-    (timing, games), size = shared, given.next_game.shape[0]
+    (timing, games), size = shared, given.size
     if not size:
         return step.blank(0)
+    given = given._replace(next_game=given.next_game.drawn())
     lanes, is_single = accelerator_lanes(size, len(step.topologies)), games.topology_id.shape[0] == 1
 
     def play(topology: Topology, given: StepInput, out: StepOutput, first: jax.Array) -> StepOutput:
@@ -115,7 +116,7 @@ def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
             return table.at[game].get(mode="clip").T
 
         scene = jax.tree.map(partial(rows_of, game=given.row), games.scenes)
-        start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game), games.start)
+        start = jax.tree.map(partial(rows_of, game=given.first_game + given.next_game.game), games.start)
         tables = step.play(topology, timing, scene, start, jax.tree.map(jnp.transpose, given))
         return jax.tree.map(lambda table, rows: write_transposed(table, rows, first), tables, out)
 
@@ -127,9 +128,10 @@ def _play_groups(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
 
 def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:
     """Do what `decide` says, on a GPU: the worlds of all topologies side by side, in blocks of one each."""
-    (timing, games), size = shared, given.next_game.shape[0]
+    (timing, games), size = shared, given.size
     if not size:
         return step.blank(0)
+    given = given._replace(next_game=given.next_game.drawn())
 
     def play(given: StepInput, out: StepOutput, first: jax.Array) -> StepOutput:
         blocks = sort_into_blocks(games.topology_id[given.row], len(step.topologies), BLOCK)
@@ -138,7 +140,7 @@ def _play_blocks(step: TracedStep, shared: tuple[Timing, Games], given: StepInpu
         def of_games(table: Any, game: jax.Array) -> Any:  # noqa: ANN401 - trees of arrays
             return jax.tree.map(lambda leaf: leaf.at[game].get(mode="clip").T, table)
 
-        scene, start = of_games(games.scenes, lanes.row), of_games(games.start, lanes.first_game + lanes.next_game)
+        scene, start = of_games(games.scenes, lanes.row), of_games(games.start, lanes.first_game + lanes.next_game.game)
         played = step.play_blocks(blocks.topology_id, timing, scene, start, jax.tree.map(jnp.transpose, lanes))
         rows = jax.tree.map(lambda leaf: leaf.T.at[blocks.place].get(mode="promise_in_bounds"), played)
         return jax.tree.map(lambda leaf, own: jax.lax.dynamic_update_slice_in_dim(leaf, own, first, 0), out, rows)

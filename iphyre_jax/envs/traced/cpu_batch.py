@@ -45,7 +45,7 @@ def play_on_cpu(step: TracedStep, call: Call, shared: tuple[Timing, Games], give
         shared: timing and games.
         given: one world a row.
     """
-    (timing, games), size, topologies = shared, given.next_game.shape[0], len(step.topologies)
+    (timing, games), size, topologies = shared, given.size, len(step.topologies)
     if not size:
         return step.blank(0)
     # A function must read each of its arguments (`in_one_function`). So no group may overwrite a whole table.
@@ -84,7 +84,7 @@ def play_linked(
     programs: Sequence[LinkedProgram], step: TracedStep, shared: tuple[Timing, Games], given: StepInput
 ) -> StepOutput:
     """Do what `play_on_cpu` does, the worlds of each topology by a program that is compiled apart."""
-    if not (size := given.next_game.shape[0]):
+    if not (size := given.size):
         return step.blank(0)
     batch, last = _sorted_batch(step, shared, given)
     out = _shapes(step, size)  # what is not replaced below is only written
@@ -112,7 +112,7 @@ def play_when_lowered(step: TracedStep, shared: tuple[Timing, Games], given: Ste
     """
     leaves, structure = jax.tree.flatten((shared, given))
     played = _play_on_cpu.bind(*leaves, step=step, structure=structure)
-    return jax.tree.unflatten(jax.tree.structure(_shapes(step, given.next_game.shape[0])), played)
+    return jax.tree.unflatten(jax.tree.structure(_shapes(step, given.size)), played)
 
 
 @lru_cache(256)
@@ -124,13 +124,13 @@ def _shapes(step: TracedStep, size: int) -> StepOutput:
 
 def _avals(*leaves: Any, step: TracedStep, structure: PyTreeDef) -> list[ShapedArray]:  # noqa: ANN401 - their shapes
     _, given = jax.tree.unflatten(structure, leaves)
-    return [ShapedArray(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(_shapes(step, given.next_game.shape[0]))]
+    return [ShapedArray(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(_shapes(step, given.size))]
 
 
 @partial(jax.jit, static_argnames=("step", "structure"))
 def _play(*leaves: jax.Array, step: TracedStep, structure: PyTreeDef) -> list[jax.Array]:
     shared, given = jax.tree.unflatten(structure, leaves)
-    programs = linked_steps(step, given.next_game.shape[0], shared[1].topology_id.shape[0])
+    programs = linked_steps(step, given.size, shared[1].topology_id.shape[0])
     if programs:
         return jax.tree.leaves(play_linked(programs, step, shared, given))
     return jax.tree.leaves(play_on_cpu(step, in_one_function, shared, given))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.envs.batching.next_game import NextGame
 from iphyre_jax.envs.batching.status import GAME
 from iphyre_jax.envs.traced.episode_rows import EpisodeRows
 from iphyre_jax.envs.traced.step import Episode, Games, PlayedRows, StepInput, StepOutput, TracedStep
@@ -28,7 +29,7 @@ class Given(NamedTuple):
     game_count: jax.Array  # () int32, rows of `games`; its arrays may be declared longer, see `TopologyStep`
     order: jax.Array  # (B,) int32, the worlds sorted by topology and game
     request: jax.Array  # (B, words) int32, see `StepInput`
-    next_game: jax.Array  # (B,) int32
+    next_game: NextGame  # of each world
     first_game: jax.Array  # (B,) int32
 
 
@@ -86,7 +87,7 @@ def play_group(
     played = step.play_in_rows(topology, batch.timing, _scenes(step, topology, games, row), given, few_slots=few_slots)
     out = _write(step, topology, group, (games, row), (given, played), out)
     follows = played.follows & (jnp.arange(lanes) < group.count)
-    return out._replace(now=begin(out.now, games.start, given, follows, world))
+    return out._replace(now=begin(out.now, batch, follows, world))
 
 
 def row_of(game_count: jax.Array | int, row: jax.Array) -> jax.Array:
@@ -98,8 +99,10 @@ def _read(step: TracedStep, topology: Topology, batch: Given, group: Group, stat
     """Return what the worlds of a group play, lanes behind."""
     state = _read_state(step.episode_rows(topology), group, states)
     request = group.read(batch.request, batch.request.shape[1])
-    own = (part.at[group.world].get(mode="promise_in_bounds") for part in (batch.next_game, batch.first_game))
-    return StepInput(state, request, *own)
+    game, first = (
+        part.at[group.world].get(mode="promise_in_bounds") for part in (batch.next_game.game, batch.first_game)
+    )
+    return StepInput(state, request, NextGame(game), first)
 
 
 def _read_state(rows: EpisodeRows, group: Group, states: Parts) -> Parts:
@@ -192,20 +195,20 @@ def _scenes(step: TracedStep, topology: Topology, games: Games, row: jax.Array) 
     return Parts(*scenes)
 
 
-def begin(now: Episode, starts: Episode, given: StepInput, follows: jax.Array, world: jax.Array) -> Episode:
+def begin(now: Episode, batch: Given, follows: jax.Array, world: jax.Array) -> Episode:
     """Return episodes, one a row, some of them begun: their rows, and nothing else, are replaced.
 
     Args:
         now: episodes.
-        starts: of all games, before their first step.
-        given: of the lanes.
+        batch: what is played.
         follows: (lanes,) bool, where the next game begins.
         world: (lanes,) int32, row of each lane's episode.
     """
 
     def copy(lane: jax.Array, now: Episode) -> Episode:
-        game = given.next_game[lane]
-        start = read(starts, given.first_game[lane] + game)
+        next_game, first_game = read((batch.next_game, batch.first_game), world[lane])
+        game = next_game.row()
+        start = read(batch.games.start, first_game + game)
         return write(now, world[lane], start.of_game(game))
 
     return visit_any(follows, copy, now)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from iphyre_jax.envs.batching.next_game import NO_GAME, NextGame
 from iphyre_jax.envs.batching.play_requests import (
     RunRequests,
     request_words,
@@ -60,8 +61,13 @@ class StepInput(NamedTuple):
 
     state: Parts  # of its episode
     request: jax.Array  # (words,) int32, see `pack_request`
-    next_game: jax.Array  # () int32, game of the episode that follows if this one ends; -1 for none
+    next_game: NextGame  # of the episode that follows if this one ends
     first_game: jax.Array  # () int32, row of the world's game 0
+
+    @property
+    def size(self) -> int:
+        """Worlds, if each is a row."""
+        return self.first_game.shape[0]
 
     @property
     def row(self) -> jax.Array:
@@ -227,7 +233,7 @@ class TracedStep:
         """Return what a decision leaves; start: see `play`."""
         state = played.state.padded(self.rows)
         final = Episode(state, observe(features, played.inputs, no_op=self.no_op))
-        fresh = start.of_game(given.next_game)
+        fresh = start.of_game(given.next_game.game)
         now = jax.tree.map(lambda new, old: jnp.where(played.follows[None], new, old), fresh, final)
         return StepOutput(now, state.whole[: self.status_words], (final,) if self.keep_final else ())
 
@@ -247,7 +253,7 @@ class TracedStep:
         episode = run(topology, timing, world, request, episode)
         status = status_of(status.game, world, episode, executed)
         ended = status.success | (status.fault != 0) | (status.step >= self.steps)
-        return status, episode, ended & (given.next_game >= 0)
+        return status, episode, ended & (given.next_game.game != NO_GAME)
 
     def blank(self, size: int) -> StepOutput:
         """Return zeros in the place of what decisions of so many worlds leave."""

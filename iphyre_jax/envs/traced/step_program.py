@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 
+from iphyre_jax.envs.batching.next_game import NextGame
 from iphyre_jax.envs.traced.cpu_groups import Given, play_group
 from iphyre_jax.envs.traced.sorting import one_game
 from iphyre_jax.envs.traced.step import Games, StepOutput, TracedStep
@@ -122,7 +123,9 @@ class TopologyStep:
             timing = Timing(number, number, number, jnp.zeros(2, step.dtype))
             scenes = Parts(*(jnp.zeros((games, words), dtype) for words, dtype in step.scene_parts))
             table = Games(jnp.zeros(games, jnp.int32), scenes, step.blank(games).now)
-            return (Given(timing, table, whole, rows, request, rows, rows), whole, whole), step.blank(MOST_ROWS)
+            next_game = NextGame(rows, jnp.zeros((MOST_ROWS, 2), jnp.uint32))
+            batch = Given(timing, table, whole, rows, request, next_game, rows)
+            return (batch, whole, whole), step.blank(MOST_ROWS)
 
         with jax.enable_x64(self.dtype == "float64"):
             return jax.eval_shape(zeros)

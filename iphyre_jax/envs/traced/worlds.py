@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from iphyre_jax.envs.batching.next_game import NextGame
 from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.scene_features import feature_numbers
 from iphyre_jax.envs.batching.status import GAME, Status, unpack_status
@@ -121,12 +122,12 @@ class TracedWorlds(Worlds):
         plan: jax.Array,
         stop_step: jax.Array,
         executed: jax.Array,
-        next_game: jax.Array,
+        next_game: NextGame,
     ) -> StepResult:
         """Play one decision; see `params.Worlds`."""
         timing = _opaque(step_timing(self.protocol.fps, self.dtype))
         request = pack_request(plan, stop_step, executed)
-        given = StepInput(state.parts, request, jnp.asarray(next_game, jnp.int32), jnp.zeros((), jnp.int32))
+        given = StepInput(state.parts, request, next_game.with_key(), jnp.zeros((), jnp.int32))
         out = decide(self.traced, timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
         out = jax.tree.map(lambda leaf: leaf[0], out)
         before, after = self.status(params, state), unpack_status(out.status, self.limits.blocks)

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import iphyre_jax
+from iphyre_jax.envs.batching.next_game import NO_GAME, NextGame
 from iphyre_jax.envs.batching.play_requests import pack_request
 from iphyre_jax.envs.batching.status import GAME, SUCCESS
 from iphyre_jax.envs.traced import batch, cpu_batch, cpu_groups
-from iphyre_jax.envs.traced.step import Episode, StepInput
+from iphyre_jax.envs.traced.cpu_groups import Given
+from iphyre_jax.envs.traced.step import Episode, Games, StepInput
 from iphyre_jax.envs.traced.step_program import linked_steps
 from iphyre_jax.envs.traced.worlds import TracedParams, TracedState, TracedWorlds
 from iphyre_jax.execution.layout import Parts
@@ -26,7 +28,9 @@ from tests.trees import assert_equal_trees
 ROWS, GAMES = 9, 6
 WORLDS = np.array([3, 7, 1, 8], np.int32)
 FOLLOWS = np.array([True, False, False, True])
-NEXT, FIRST_GAME = np.array([2, -1, 1, 0], np.int32), np.array([0, 0, 0, 3], np.int32)
+# The last world draws one of three games.
+NEXT, FIRST_GAME = np.array([2, -1, 1, NO_GAME - 3], np.int32), np.array([0, 0, 0, 3], np.int32)
+KEYS = jax.random.split(jax.random.key(7), ROWS)
 
 
 def episodes(size: int, seed: int) -> Episode:
@@ -37,18 +41,24 @@ def episodes(size: int, seed: int) -> Episode:
 
 
 def begun(now: Episode, starts: Episode, follows: Any = FOLLOWS) -> Episode:
-    request = jnp.zeros((len(WORLDS), 3), jnp.int32)
-    given = StepInput(Parts(now.state.whole[WORLDS], now.state.numbers[WORLDS]), request, NEXT, FIRST_GAME)
-    given = jax.tree.map(jnp.asarray, given)
-    return cpu_groups.begin(now, starts, given, jnp.asarray(follows), jnp.asarray(WORLDS))
+    every = np.arange(ROWS, dtype=np.int32)
+    game, first_game = every.copy(), every.copy()
+    game[WORLDS], first_game[WORLDS] = NEXT, FIRST_GAME
+    games = Games(jnp.zeros(GAMES, jnp.int32), starts.state, starts)
+    timing = jax.tree.map(jnp.asarray, step_timing(10, "float32"))
+    rows = jnp.asarray(every)
+    next_game = NextGame(jnp.asarray(game), jax.random.key_data(KEYS))
+    batch = Given(timing, games, jnp.int32(GAMES), rows, rows[:, None], next_game, jnp.asarray(first_game))
+    return cpu_groups.begin(now, batch, jnp.asarray(follows), jnp.asarray(WORLDS))
 
 
 def expected(now: Any, starts: Any, game: bool) -> Any:
     out = np.array(now)
     for lane in np.flatnonzero(FOLLOWS):
-        out[WORLDS[lane]] = np.array(starts)[FIRST_GAME[lane] + NEXT[lane]]
+        row = NEXT[lane] if lane < 3 else jax.random.randint(KEYS[WORLDS[lane]], (), 0, 3)
+        out[WORLDS[lane]] = np.array(starts)[FIRST_GAME[lane] + row]
         if game:
-            out[WORLDS[lane], GAME] = NEXT[lane]
+            out[WORLDS[lane], GAME] = row
     return out
 
 
@@ -100,8 +110,9 @@ def test_accelerators_and_linked_programs_play_the_same_in_groups(names: list[st
         assert isinstance(state, TracedState)
         plan = jnp.asarray(rng.integers(0, 9, (worlds, step.limits.blocks)), jnp.int32)
         request = jax.vmap(pack_request)(plan, jnp.full(worlds, 60, jnp.int32), jnp.zeros(plan.shape, bool))
-        following = rng.integers(-1, len(names), worlds), np.zeros(worlds)
-        given = StepInput(state.parts, *(jnp.asarray(part, jnp.int32) for part in (request, *following)))
+        following = jnp.asarray(rng.integers(NO_GAME - len(names), len(names), worlds), jnp.int32)
+        next_game = NextGame(following, jax.random.key_data(jax.random.split(jax.random.key(0), worlds)))
+        given = StepInput(state.parts, request, next_game, jnp.zeros(worlds, jnp.int32))
         shared = jax.tree.map(jnp.asarray, step_timing(env.protocol.fps, "float64")), params.table
         on_cpu = jax.jit(partial(cpu_batch.play_on_cpu, step, in_one_function))(shared, given)
         elsewhere = jax.jit(partial(batch._play_groups, step))(shared, given)
