@@ -3,8 +3,8 @@
 A random policy plays whole episodes in every world. `simulate_many` then plays the plans that result from its actions,
 so both make the same physics steps. The policy reads each observation as a weighted sum; otherwise the compiler could
 leave the observations out. A second policy also returns them. The other variants are a user's own loop: a `lax.scan`
-over `jax.vmap(env.step)` with autoreset and with given actions and keys: by the host, with `backend="xla"` on one
-device, and so on several, as many as there are cores if they divide the worlds.
+over `jax.vmap(env.step)` with autoreset and with given actions and keys, which reads observations in the same way: by
+the host, with `backend="xla"` on one device, and so on several, as many as there are cores if they divide the worlds.
 """
 
 import json
@@ -52,13 +52,18 @@ def plans(environment: Environment, games: np.ndarray[Any, Any], steps: Steps) -
 
 @partial(jax.jit, static_argnums=0)
 def scan(
-    environment: Environment, params: EnvParams, state: EnvState, keys: jax.Array, actions: jax.Array
+    environment: Environment,
+    weights: jax.Array,
+    params: EnvParams,
+    state: EnvState,
+    keys: jax.Array,
+    actions: jax.Array,
 ) -> tuple[EnvState, tuple[jax.Array, ...]]:
-    """Step all worlds with actions (T, B); return the last state, and time, end and sum of the observation, (T, B)."""
+    """Step all worlds with actions (T, B); return the last state, and time, end and what is read of it, (T, B)."""
 
     def step(state: EnvState, given: tuple[jax.Array, jax.Array]) -> tuple[EnvState, tuple[jax.Array, ...]]:
         out = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(given[0], state, given[1], params)
-        return out[1], (out[5]["time"], out[3] | out[4], out[0].sum(axis=1))
+        return out[1], (out[5]["time"], out[3] | out[4], out[0] @ weights)
 
     return jax.lax.scan(step, state, (keys, actions))
 
@@ -83,7 +88,7 @@ def main(fps: int, worlds: int, repeats: int, games: list[str]) -> None:
     _, steps = play(env, reads, weights, batch, key)
     plan, end_step = plans(env, order, steps), np.rint(np.asarray(steps.info["time"])[-1] * fps).astype(int)
     simulate = partial(iphyre_jax.simulate_many, env.games, order, plan, fps=fps, resets=protocol.resets)
-    loops, compiled = user_loops(protocol.name, batch, jax.random.key(1), steps.action)
+    loops, compiled = user_loops(protocol.name, batch, weights, jax.random.key(1), steps.action)
     variants: dict[str, Callable[[], object]] = {
         "simulate": simulate,
         **loops,
@@ -106,7 +111,7 @@ def main(fps: int, worlds: int, repeats: int, games: list[str]) -> None:
 
 
 def user_loops(
-    protocol: str, batch: Batch, key: jax.Array, actions: jax.Array
+    protocol: str, batch: Batch, weights: jax.Array, key: jax.Array, actions: jax.Array
 ) -> tuple[dict[str, Callable[[], Any]], dict[str, float]]:
     """A user's loop by backend, and the seconds that its program takes to compile, our own programs apart."""
     loops: dict[str, Callable[[], Any]] = {}
@@ -118,9 +123,9 @@ def user_loops(
         backend: BackendName = "host" if name == "scan" else "xla"
         env, params = iphyre_jax.make("on-the-fly/measured-v1", protocol=protocol, backend=backend)
         state = Batch.of(env, params, np.asarray(batch.game)).state
-        given = params, state, keys, actions
+        given = weights, params, state, keys, actions
         if name == "spread":
-            given = tuple(map(jax.device_put, given, (whole, rows, columns, columns)))
+            given = tuple(map(jax.device_put, given, (whole, whole, rows, columns, columns)))
         jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None))).lower(keys[0], state, actions[0], params)
         jax.clear_caches()  # our programs stay, and nothing else
         begin = time.perf_counter()
