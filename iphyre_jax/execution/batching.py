@@ -49,7 +49,7 @@ class Group:
 
     def worlds(self, lanes: int) -> Words:
         """Return the packed worlds, (words, lanes); spare lanes repeat the last world."""
-        return np.ascontiguousarray(self.table[:, fill_lanes(self.columns, lanes)])
+        return self.table.take(fill_lanes(self.columns, lanes), axis=1)
 
     def plans(self, plan: npt.NDArray[np.int32], plan_slots: int, lanes: int) -> npt.NDArray[np.int32]:
         """Return the plans of the worlds, (plan_slots, lanes) int32, SPARE in spare lanes; plan: (B, S), all rows."""

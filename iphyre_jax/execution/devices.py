@@ -62,6 +62,7 @@ def on_cpu() -> bool:
     return jax.default_backend() == "cpu"
 
 
+@lru_cache(1024)
 def lanes_of(topology: Topology, dtype: str) -> int:
     """Return how many worlds of a topology a core plays side by side: a power of two, 32 to 128.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -26,6 +26,11 @@ ATTEMPTS = 4  # at a plan that needs more contact slots than it was given
 def contact_slots(topology: Topology) -> tuple[int, ...]:
     """Return the contact slots of each attempt: few at first."""
     return topology.few_slots, topology.slots, 2 * topology.slots, 4 * topology.slots
+
+
+@lru_cache(1024)
+def _with_contact_slots(topology: Topology, attempt: int) -> Topology:
+    return replace(topology, slots=contact_slots(topology)[attempt])
 
 
 @dataclass(frozen=True)
@@ -102,18 +107,19 @@ class PlanBatch:
 
     def _run_prefixes(self, rows: Indices, attempt: int) -> None:
         settings = self.settings
-        worlds = [(self._with_contact_slots(topology, attempt), world) for topology, world in self.worlds]
+        worlds = [(_with_contact_slots(topology, attempt), world) for topology, world in self.worlds]
         timing = step_timing(settings.fps, settings.dtype)
         scene_index, plan = self.scene_index[rows], self.plan[rows]
         counts = score_prefixes(worlds, scene_index, plan, timing, settings.steps, self.partition, settings.dtype)
         self._write(rows, counts)
 
-    def _with_contact_slots(self, topology: Topology, attempt: int) -> Topology:
-        return replace(topology, slots=contact_slots(topology)[attempt])
+    @cached_property
+    def _timing(self) -> npt.NDArray[np.floating]:
+        return pack_timing(step_timing(self.settings.fps, self.settings.dtype))
 
     def _program(self, group: Group, attempt: int) -> Score | Advance:
         program = Score if self.samples is None else Advance
-        own, dtype = self._with_contact_slots(group.topology, attempt), self.settings.dtype
+        own, dtype = _with_contact_slots(group.topology, attempt), self.settings.dtype
         lanes = self.partition.lanes(group.topology, dtype, len(group.rows))
         return program(own, dtype, lanes, plan_slots_for(self.plan))
 
@@ -122,7 +128,7 @@ class PlanBatch:
         run, settings = runner(program, self.partition.mesh), self.settings
         worlds = group.worlds(program.lanes)
         plans = group.plans(self.plan, program.plan_slots, program.lanes)
-        timing = pack_timing(step_timing(settings.fps, settings.dtype))
+        timing = self._timing
         if isinstance(program, Score):
             counts = run(worlds, plans, timing, np.array([settings.steps], np.int32))[0]
             self._write(group.rows, counts[:, : len(group.rows)])
@@ -158,14 +164,15 @@ class PlanBatch:
             samples[rows, :, : scene.n_objects] = poses
 
     def _sort_alike(self, rows: Indices) -> Indices:
-        """Sort the rows of one scene by the order of their removals, then by the steps.
+        """Sort the rows of one scene by the order of their removals, then by the steps, both from the last one back.
 
-        Neighbours in a group then touch the same things at the same step, which the group computes once.
+        Neighbours in a group then touch the same things at the same step, which the group computes once, and end at
+        about the same step.
         """
         plan = self.plan[rows]
         steps = np.where(plan < 0, np.iinfo(np.int32).max, plan)
         order = np.argsort(steps, axis=1, kind="stable")
-        keys = np.concatenate([np.sort(steps, axis=1)[:, ::-1], order[:, ::-1]], axis=1)  # lexsort: the last key first
+        keys = np.concatenate([np.sort(steps, axis=1), order], axis=1)  # lexsort: the last key first
         return rows[np.lexsort(keys.T)] if keys.shape[1] else rows
 
 
