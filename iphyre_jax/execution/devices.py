@@ -27,7 +27,8 @@ from iphyre_jax.physics.types import Topology
 AXIS = "worlds"
 LANES, FEWEST = 128, 32  # most and fewest worlds side by side on a CPU
 LANES_IN_PROGRAM, FEWEST_IN_PROGRAM = 80, 48  # the same in the user's program
-LINKED_LANES = {1: 64, 2: 48, 3: 48, 4: 16}  # by moving bodies, in programs that are linked into the user's
+# The same in programs that are linked into the user's, by moving bodies: balls alone, and with bars.
+LINKED_LANES = {1: (64, 64), 2: (48, 32), 3: (48, 48), 4: (16, 16)}
 STATE_BYTES = 70 * 1024  # of their episodes; best with a first cache of 48 KiB, because a step does not use all of it
 # On an accelerator, of plans: in large groups, and in those that fit into fewer. Measured; see "On an
 # NVIDIA GPU" in docs/decisions/engine.md.
@@ -97,7 +98,7 @@ def linked_lanes(topology: Topology) -> int:
     The fewer, the less do groups wait for their slowest world, and the fewer lanes of small batches play none.
     Measured; see "linked into the user's" in docs/decisions/environments.md.
     """
-    return LINKED_LANES[min(topology.moving, max(LINKED_LANES))]
+    return LINKED_LANES[min(topology.moving, max(LINKED_LANES))][topology.bars > 0]
 
 
 def accelerator_lanes(worlds: int, topologies: int) -> int:

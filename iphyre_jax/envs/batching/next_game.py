@@ -35,12 +35,12 @@ class NextGame(NamedTuple):
             drawn = _draw(jax.random.wrap_key_data(self.key, impl=GENERATOR), jnp.maximum(NO_GAME - self.game, 1))
         return jnp.where(self.game < NO_GAME, drawn, self.game)
 
-    def with_key(self) -> NextGame:
-        """Return it with a key, whether it needs one or not."""
-        return self._replace(key=jnp.zeros(2, jnp.uint32)) if self.key is None else self
+    def with_keys(self) -> NextGame:
+        """Return the games of many worlds with keys, whether they need them or not."""
+        return self if self.key is not None else NextGame(self.game, jnp.zeros((*self.game.shape, 2), jnp.uint32))
 
     def drawn(self) -> NextGame:
-        """Return the games of many worlds, drawn."""
+        """Return the games of many worlds, all drawn."""
         return NextGame(jax.vmap(NextGame.row)(self))
 
 

@@ -102,7 +102,8 @@ def _sorted_batch(step: TracedStep, shared: tuple[Timing, Games], given: StepInp
     timing, games = shared
     count = games.topology_id.shape[0]
     order, last = sort_by_game(games.topology_id, row_of(count, given.row), len(step.topologies))
-    return Given(timing, games, jnp.int32(count), order, given.request, given.next_game, given.first_game), last
+    next_game = given.next_game.with_keys()
+    return Given(timing, games, jnp.int32(count), order, given.request, next_game, given.first_game), last
 
 
 def play_when_lowered(step: TracedStep, shared: tuple[Timing, Games], given: StepInput) -> StepOutput:

@@ -127,7 +127,7 @@ class TracedWorlds(Worlds):
         """Play one decision; see `params.Worlds`."""
         timing = _opaque(step_timing(self.protocol.fps, self.dtype))
         request = pack_request(plan, stop_step, executed)
-        given = StepInput(state.parts, request, next_game.with_key(), jnp.zeros((), jnp.int32))
+        given = StepInput(state.parts, request, next_game, jnp.zeros((), jnp.int32))
         out = decide(self.traced, timing, params.table, jax.tree.map(lambda leaf: leaf[None], given))
         out = jax.tree.map(lambda leaf: leaf[0], out)
         before, after = self.status(params, state), unpack_status(out.status, self.limits.blocks)

@@ -38,8 +38,8 @@ def test_keys_of_another_generator_draw_at_once() -> None:
 
 def test_given_games_are_not_drawn() -> None:
     game = jnp.array([NO_GAME, 0, 5], jnp.int32)
-    given = jax.vmap(lambda game: NextGame(game).with_key())(game)
-    np.testing.assert_array_equal(given.drawn().game, game)
+    for given in (NextGame(game), NextGame(game).with_keys()):
+        np.testing.assert_array_equal(given.drawn().game, game)
     assert int(NextGame.random(jax.random.key(0), 1).row()) == 0
 
 
