@@ -240,9 +240,9 @@ class Environment:
     def _step(
         self, key: jax.Array, state: EnvState, action: jax.Array, params: EnvParams
     ) -> tuple[jax.Array, EnvState, jax.Array, jax.Array, jax.Array, Info]:
-        if self.autoreset:
-            return self._step_to(state, action, params, NextGame.random(key, params.n_games))
-        return self.step_to(state, action, params, jnp.full((), NO_GAME, jnp.int32))
+        none = NextGame(jnp.full((), NO_GAME, jnp.int32))
+        next_game = NextGame.random(key, params.n_games) if self.autoreset else none
+        return self._step_to(state, action, params, next_game)
 
     def step_to(
         self, state: EnvState, action: jax.Array, params: EnvParams, next_game: jax.Array

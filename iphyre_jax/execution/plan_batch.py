@@ -108,9 +108,8 @@ class PlanBatch:
     def _run_prefixes(self, rows: Indices, attempt: int) -> None:
         settings = self.settings
         worlds = [(_with_contact_slots(topology, attempt), world) for topology, world in self.worlds]
-        timing = step_timing(settings.fps, settings.dtype)
         scene_index, plan = self.scene_index[rows], self.plan[rows]
-        counts = score_prefixes(worlds, scene_index, plan, timing, settings.steps, self.partition, settings.dtype)
+        counts = score_prefixes(worlds, scene_index, plan, self._timing, settings.steps, self.partition, settings.dtype)
         self._write(rows, counts)
 
     @cached_property

@@ -19,9 +19,9 @@ from iphyre_jax.execution.batching import Group, group_by_topology, plan_slots_f
 from iphyre_jax.execution.compilation.executables import prepare
 from iphyre_jax.execution.devices import Partition, on_cpu, runner
 from iphyre_jax.execution.layout import WORD, Words
-from iphyre_jax.execution.programs import Advance, episode_layout, pack_timing
+from iphyre_jax.execution.programs import Advance, episode_layout
 from iphyre_jax.execution.threads import run_all
-from iphyre_jax.physics.types import Timing, Topology, World
+from iphyre_jax.physics.types import Topology, World
 
 SEGMENTS: Final = 15  # more of them share more steps, but each is a call for every group of worlds
 
@@ -32,7 +32,7 @@ def score_prefixes(
     worlds: Sequence[tuple[Topology, World]],
     scene_index: Ints,
     plan: npt.NDArray[np.int32],
-    timing: Timing,
+    timing: npt.NDArray[np.floating],
     steps: int,
     partition: Partition,
     dtype: str,
@@ -43,7 +43,7 @@ def score_prefixes(
         worlds: of each scene, see `cached_world`, with the contact slots that they may use.
         scene_index: (B,) scene of each plan.
         plan: (B, S) steps before which blocks go, -1 for never.
-        timing: of a physics step.
+        timing: of a physics step, see `pack_timing`.
         steps: physics steps of a whole episode.
         partition: of the devices.
         dtype: of the physics.
@@ -73,7 +73,7 @@ class _Segment:
     worlds: Sequence[tuple[Topology, World]]
     scene_index: Ints
     plan: npt.NDArray[np.int32]
-    timing: Timing
+    timing: npt.NDArray[np.floating]
     stop_step: int
     partition: Partition
     dtype: str
@@ -107,7 +107,7 @@ class _Segment:
         steps = np.array([self.stop_step, starts is None], np.int32)
         plans = group.plans(self.plan, program.plan_slots, program.lanes)
         run = runner(program, self.partition.mesh)
-        played = run(group.worlds(program.lanes), plans, pack_timing(self.timing), steps, episodes)[0][:, :count]
+        played = run(group.worlds(program.lanes), plans, self.timing, steps, episodes)[0][:, :count]
         out = layout.unpack_numpy(played).result
         after[group.rows, : layout.rows] = played.T
         results[group.rows] = np.stack([out.success, out.steps, out.eliminations, out.fault, out.done], axis=1)
